@@ -1,0 +1,224 @@
+//! The client itself.
+
+use std::net::IpAddr;
+use std::time::{Duration, Instant};
+
+use bytes::Bytes;
+use prost::Message;
+use reqwest::header::{ACCEPT, CONTENT_TYPE, HeaderMap};
+use reqwest::multipart::{Form, Part};
+use reqwest::{RequestBuilder, Response, Url};
+use stereo_proto::v1::{Status, StereoRequest, StereoResult};
+
+use crate::error::status_from_problem_json;
+use crate::{Accept, ClientError, Info, Reply, StageTimes};
+
+/// How long a connection may take to be made.
+const CONNECT_TIMEOUT: Duration = Duration::from_secs(5);
+/// How long a whole exchange may take: the largest latency budget, and time to send and receive.
+const EXCHANGE_TIMEOUT: Duration = Duration::from_secs(120);
+/// Time between two questions whether the server is ready.
+const READY_INTERVAL: Duration = Duration::from_millis(20);
+
+/// Talks to one server; cheap to clone, and clones share connections.
+#[derive(Debug, Clone)]
+pub struct Client {
+    base: Url,
+    http: reqwest::Client,
+}
+
+/// A pair as image files, and what is wanted of it.
+#[derive(Debug, Clone, Default)]
+pub struct PairFiles {
+    /// Left image, PNG or JPEG.
+    pub left: Bytes,
+    /// Right image, PNG or JPEG, of the left one's size.
+    pub right: Bytes,
+    /// Options as a JSON object such as `{"latency_budget_ms": 80}`; `None` = all defaults.
+    pub options_json: Option<String>,
+}
+
+impl Client {
+    /// A client of the server at `url`, such as `http://127.0.0.1:8080`. Nothing is sent yet.
+    ///
+    /// # Errors
+    /// [`ClientError::BadUrl`] if it is no http address.
+    pub fn new(url: &str) -> Result<Self, ClientError> {
+        let bad = |why: String| ClientError::BadUrl {
+            url: url.to_owned(),
+            why,
+        };
+        let base = Url::parse(url).map_err(|why| bad(why.to_string()))?;
+        if base.scheme() != "http" || base.host_str().is_none() {
+            return Err(bad("it must start with http:// and name a host".to_owned()));
+        }
+        let mut http = reqwest::Client::builder()
+            .connect_timeout(CONNECT_TIMEOUT)
+            .timeout(EXCHANGE_TIMEOUT);
+        if is_this_machine(&base) {
+            // A proxy from the environment would look for the server on its own machine.
+            http = http.no_proxy();
+        }
+        let http = http.build().map_err(|why| bad(chain(&why)))?;
+        Ok(Self { base, http })
+    }
+
+    /// Matches one pair.
+    ///
+    /// # Errors
+    /// [`ClientError::Refused`] with the server's status; the others if there is no server or none that is understood.
+    pub async fn match_pair(&self, request: &StereoRequest) -> Result<StereoResult, ClientError> {
+        let exchange = self
+            .http
+            .post(self.url("/v1/stereo")?)
+            .header(CONTENT_TYPE, stereo_proto::CONTENT_TYPE)
+            .header(ACCEPT, stereo_proto::CONTENT_TYPE)
+            .body(request.encode_to_vec());
+        let answer = self.exchange(exchange).await?;
+        StereoResult::decode(answer.body).map_err(|why| ClientError::Malformed(why.to_string()))
+    }
+
+    /// Matches one pair of image files; the reply is a file of the wanted type.
+    ///
+    /// # Errors
+    /// As [`match_pair`](Self::match_pair).
+    pub async fn match_files(&self, files: PairFiles, accept: Accept) -> Result<Reply, ClientError> {
+        let PairFiles {
+            left,
+            right,
+            options_json,
+        } = files;
+        let mut form = Form::new()
+            .part("left", Part::stream(left).file_name("left"))
+            .part("right", Part::stream(right).file_name("right"));
+        if let Some(options) = options_json {
+            form = form.text("options", options);
+        }
+        let url = self.url(&format!("/v1/stereo{}", accept.query()))?;
+        self.exchange(
+            self.http
+                .post(url)
+                .header(ACCEPT, accept.media_type())
+                .multipart(form),
+        )
+        .await
+    }
+
+    /// What the server says about itself.
+    ///
+    /// # Errors
+    /// As [`match_pair`](Self::match_pair).
+    pub async fn info(&self) -> Result<Info, ClientError> {
+        let answer = self.exchange(self.http.get(self.url("/v1/info")?)).await?;
+        serde_json::from_slice(&answer.body).map_err(|why| ClientError::Malformed(why.to_string()))
+    }
+
+    /// Waits until the server takes frames, asking it every 20 ms.
+    ///
+    /// # Errors
+    /// [`ClientError::NotReady`] after `timeout`, with the last answer.
+    pub async fn ready(&self, timeout: Duration) -> Result<(), ClientError> {
+        let start = Instant::now();
+        let url = self.url("/readyz")?;
+        let mut why = "no answer yet".to_owned();
+        while let Some(left) = timeout.checked_sub(start.elapsed()) {
+            match self.http.get(url.clone()).timeout(left).send().await {
+                Ok(answer) if answer.status().is_success() => return Ok(()),
+                Ok(answer) => {
+                    let code = answer.status().as_u16();
+                    let body = answer.text().await.unwrap_or_default();
+                    why = format!("HTTP {code} {}", body.chars().take(200).collect::<String>());
+                }
+                Err(error) => why = chain(&error),
+            }
+            tokio::time::sleep(READY_INTERVAL.min(left)).await;
+        }
+        Err(ClientError::NotReady {
+            url: self.base.to_string(),
+            waited: timeout,
+            why,
+        })
+    }
+
+    fn url(&self, path: &str) -> Result<Url, ClientError> {
+        self.base.join(path).map_err(|why| ClientError::BadUrl {
+            url: format!("{}{path}", self.base),
+            why: why.to_string(),
+        })
+    }
+
+    /// Sends a request and takes the whole answer, which is a success.
+    async fn exchange(&self, request: RequestBuilder) -> Result<Reply, ClientError> {
+        let url = || self.base.to_string();
+        let answer = request.send().await.map_err(|error| match error.is_connect() {
+            true => ClientError::Unreachable {
+                url: url(),
+                why: chain(&error),
+            },
+            false => ClientError::Interrupted {
+                url: url(),
+                why: chain(&error),
+            },
+        })?;
+        let (code, content_type, timing) = head(&answer);
+        let is_success = answer.status().is_success();
+        let body = answer.bytes().await.map_err(|error| ClientError::Interrupted {
+            url: url(),
+            why: chain(&error),
+        })?;
+        if is_success {
+            return Ok(Reply {
+                body,
+                content_type,
+                stages: StageTimes::parse(&timing),
+            });
+        }
+        Err(refusal(&content_type, &body)
+            .map_or(ClientError::Unexpected { url: url(), code }, ClientError::Refused))
+    }
+}
+
+fn is_this_machine(url: &Url) -> bool {
+    let host = url.host_str().unwrap_or_default().trim_matches(['[', ']']);
+    host == "localhost" || host.parse::<IpAddr>().is_ok_and(|address| address.is_loopback())
+}
+
+/// Status code, media type and stage times of an answer.
+fn head(answer: &Response) -> (u16, String, String) {
+    let text = |headers: &HeaderMap, name: &str| {
+        headers
+            .get(name)
+            .and_then(|value| value.to_str().ok())
+            .unwrap_or_default()
+            .to_owned()
+    };
+    let headers = answer.headers();
+    (
+        answer.status().as_u16(),
+        text(headers, "content-type"),
+        text(headers, "server-timing"),
+    )
+}
+
+/// A refusal in either of its forms.
+fn refusal(content_type: &str, body: &Bytes) -> Option<Status> {
+    match content_type {
+        "application/problem+json" => status_from_problem_json(body),
+        stereo_proto::CONTENT_TYPE => Status::decode(body.clone()).ok(),
+        _ => None,
+    }
+}
+
+/// An error with its causes, which say what happened.
+fn chain(error: &dyn std::error::Error) -> String {
+    let mut text = error.to_string();
+    let mut cause = error.source();
+    while let Some(error) = cause {
+        text = format!("{text}: {error}");
+        cause = error.source();
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests;

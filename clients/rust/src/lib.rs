@@ -1,0 +1,32 @@
+//! Client of stereod over HTTP: a stereo pair and a latency budget in, disparity and mesh out.
+//!
+//! ```no_run
+//! use stereo_client::v1::{Image, ImageEncoding, StereoRequest};
+//! use stereo_client::{Client, disparity_px};
+//!
+//! # async fn example(left: bytes::Bytes, right: bytes::Bytes) -> Result<(), stereo_client::ClientError> {
+//! let client = Client::new("http://127.0.0.1:8080")?;
+//! let png = |data| Some(Image { encoding: ImageEncoding::Png.into(), data, ..Image::default() });
+//! let request = StereoRequest { left: png(left), right: png(right), ..StereoRequest::default() };
+//! let result = client.match_pair(&request).await?;
+//! if let Some(disparity) = &result.disparity {
+//!     let px: Vec<f32> = disparity_px(disparity)?;
+//! }
+//! # Ok(())
+//! # }
+//! ```
+#![forbid(unsafe_code)]
+
+mod client;
+mod error;
+mod info;
+mod payload;
+mod reply;
+
+pub use client::{Client, PairFiles};
+pub use error::ClientError;
+pub use info::{Info, Limits, PresetInfo};
+pub use payload::{depth_m, disparity_px};
+pub use reply::{Accept, Reply, StageTimes};
+/// The messages of the wire.
+pub use stereo_proto::v1;

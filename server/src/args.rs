@@ -1,0 +1,238 @@
+//! The command line and the environment: the only file that knows that flags and variables exist.
+
+use std::net::SocketAddr;
+use std::path::PathBuf;
+use std::time::Duration;
+
+use clap::{Args, Parser, Subcommand};
+
+use crate::config::{Config, ConfigError};
+
+/// Stereo matching as a service: a pair and a deadline in, the best disparity and mesh that fit out.
+#[derive(Debug, Parser)]
+#[command(name = "stereod", version, arg_required_else_help = true)]
+pub struct Cli {
+    /// What to do.
+    #[command(subcommand)]
+    pub command: Command,
+    /// Log filter: a level (error, warn, info, debug, trace), or directives such as `stereod=debug,info`.
+    #[arg(
+        long,
+        global = true,
+        env = "STEREOD_LOG",
+        default_value = "info",
+        value_name = "FILTER"
+    )]
+    pub log: String,
+}
+
+/// The subcommands.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Serve over HTTP until SIGTERM or SIGINT.
+    Serve(ServeArgs),
+    /// Match one pair of image files here, without a network, and write the results to a folder.
+    Match(Box<MatchArgs>),
+}
+
+/// Flags of `stereod serve`; each one given wins over the file and the defaults.
+#[derive(Debug, Default, Args)]
+pub struct ServeArgs {
+    /// TOML file with any of the settings below; `stereod serve` logs all of them by their keys.
+    #[arg(long, env = "STEREOD_CONFIG", value_name = "FILE")]
+    pub config: Option<PathBuf>,
+    /// Address and port to listen on [default: 127.0.0.1:8080]; port 0 lets the system choose one.
+    #[arg(long, env = "STEREOD_HTTP", value_name = "ADDR:PORT")]
+    pub http: Option<SocketAddr>,
+    /// Threads that compute [default: cores - 1, at least 1].
+    #[arg(long, env = "STEREOD_WORKERS", value_name = "N")]
+    pub workers: Option<u32>,
+    /// Instruction-set level [default: auto = the machine's best]; a named one can only be lower.
+    #[arg(long, env = "STEREOD_SIMD", value_name = "LEVEL")]
+    pub simd: Option<String>,
+    /// Name of this server in reports [default: stereod].
+    #[arg(long, env = "STEREOD_INSTANCE", value_name = "NAME")]
+    pub instance: Option<String>,
+    /// Requests that wait for a worker at one time [default: 64].
+    #[arg(long, env = "STEREOD_QUEUE_CAPACITY", value_name = "N")]
+    pub queue_capacity: Option<u32>,
+    /// Largest body of one request, in bytes [default: 64 MiB].
+    #[arg(long, env = "STEREOD_MAX_BODY_BYTES", value_name = "BYTES")]
+    pub max_body_bytes: Option<u64>,
+    /// Most pixels of one image [default: 4096 x 4096].
+    #[arg(long, env = "STEREOD_MAX_IMAGE_PIXELS", value_name = "PIXELS")]
+    pub max_image_pixels: Option<u64>,
+    /// Bodies of all requests under way, in bytes [default: 512 MiB].
+    #[arg(long, env = "STEREOD_MAX_BYTES_IN_FLIGHT", value_name = "BYTES")]
+    pub max_bytes_in_flight: Option<u64>,
+    /// Connections open at one time [default: 1024].
+    #[arg(long, env = "STEREOD_MAX_CONNECTIONS", value_name = "N")]
+    pub max_connections: Option<u32>,
+    /// Time to send a request's head, and for a connection to rest between two requests [default: 10000].
+    #[arg(long, env = "STEREOD_HEADER_TIMEOUT_MS", value_name = "MS")]
+    pub header_timeout_ms: Option<u64>,
+    /// Time to send a request's body, and to take its answer [default: 30000].
+    #[arg(long, env = "STEREOD_BODY_TIMEOUT_MS", value_name = "MS")]
+    pub body_timeout_ms: Option<u64>,
+}
+
+/// Arguments of `stereod match`.
+#[derive(Debug, Args)]
+pub struct MatchArgs {
+    /// Left image, PNG or JPEG.
+    pub left: PathBuf,
+    /// Right image of the same size, PNG or JPEG.
+    pub right: PathBuf,
+    /// Folder for disparity.png, disparity_color.png, mesh.glb, mesh.ply and report.json; made if it doesn't exist.
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Algorithm parameters: default or paper.
+    #[arg(long)]
+    pub preset: Option<String>,
+    /// Disparities searched, in pixels: 16 to 256 in steps of 16.
+    #[arg(long, value_name = "PX")]
+    pub num_disparities: Option<u32>,
+    /// Smallest disparity searched, in pixels.
+    #[arg(long, value_name = "PX")]
+    pub min_disparity: Option<i32>,
+    /// Which pixels get a disparity: semi_dense or dense.
+    #[arg(long)]
+    pub density: Option<String>,
+    /// Rungs to run at most, the first included.
+    #[arg(long, value_name = "N")]
+    pub max_iterations: Option<u32>,
+    /// Drop pixels with less confidence, 0 to 1.
+    #[arg(long, value_name = "SHARE")]
+    pub min_confidence: Option<f64>,
+    /// Time from start to result, in milliseconds.
+    #[arg(long, value_name = "MS", default_value_t = 60_000.0)]
+    pub latency_budget_ms: f64,
+    /// Calibration file: JSON with focal_px, cx_px, cy_px, baseline_m and doffs_px.
+    #[arg(long, value_name = "FILE", conflicts_with = "focal")]
+    pub calibration: Option<PathBuf>,
+    /// Focal length in pixels; with --cx, --cy and --baseline the mesh is in metres.
+    #[arg(long, value_name = "PX", requires_all = ["cx", "cy", "baseline"])]
+    pub focal: Option<f64>,
+    /// Principal point of the left image, column in pixels.
+    #[arg(long, value_name = "PX", requires = "focal")]
+    pub cx: Option<f64>,
+    /// Principal point of the left image, row in pixels.
+    #[arg(long, value_name = "PX", requires = "focal")]
+    pub cy: Option<f64>,
+    /// Distance of the two cameras in metres.
+    #[arg(long, value_name = "M", requires = "focal")]
+    pub baseline: Option<f64>,
+    /// cx of the right image minus cx of the left one, in pixels [default: 0].
+    #[arg(long, value_name = "PX", requires = "focal", allow_negative_numbers = true)]
+    pub doffs: Option<f64>,
+    /// Instruction-set level: auto, or the name of a lower one than the machine's best.
+    #[arg(long, env = "STEREOD_SIMD", default_value = "auto", value_name = "LEVEL")]
+    pub simd: String,
+}
+
+impl ServeArgs {
+    /// The effective configuration: these flags over the file over the defaults, validated.
+    ///
+    /// # Errors
+    /// [`ConfigError`] if the file can't be read or any value is not acceptable.
+    pub fn into_config(self) -> Result<Config, ConfigError> {
+        let mut config = match &self.config {
+            None => Config::default(),
+            Some(path) => {
+                let name = path.display().to_string();
+                let text = std::fs::read_to_string(path).map_err(|error| ConfigError::Unreadable {
+                    path: name.clone(),
+                    reason: error.to_string(),
+                })?;
+                Config::from_toml(&text, &name)?
+            }
+        };
+        give(&mut config.http.listen, self.http);
+        give(&mut config.http.connections, self.max_connections);
+        give(
+            &mut config.http.header_timeout,
+            self.header_timeout_ms.map(Duration::from_millis),
+        );
+        give(
+            &mut config.http.body_timeout,
+            self.body_timeout_ms.map(Duration::from_millis),
+        );
+        give(&mut config.workers.count, self.workers);
+        give(&mut config.workers.simd, self.simd);
+        give(&mut config.workers.queue_capacity, self.queue_capacity);
+        give(&mut config.instance, self.instance);
+        give(&mut config.limits.body_bytes, self.max_body_bytes);
+        give(&mut config.limits.image_pixels, self.max_image_pixels);
+        give(&mut config.limits.bytes_in_flight, self.max_bytes_in_flight);
+        config.validate()?;
+        Ok(config)
+    }
+}
+
+fn give<T>(setting: &mut T, flag: Option<T>) {
+    if let Some(value) = flag {
+        *setting = value;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory;
+
+    use super::*;
+
+    fn serve(flags: &[&str]) -> ServeArgs {
+        match Cli::try_parse_from(["stereod", "serve"].iter().chain(flags))
+            .unwrap()
+            .command
+        {
+            Command::Serve(args) => args,
+            Command::Match(_) => unreachable!("`serve` was given"),
+        }
+    }
+
+    #[test]
+    fn the_command_line_is_consistent() {
+        Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn every_setting_that_has_a_flag_has_a_variable_of_its_name() {
+        let cli = Cli::command();
+        let serve = cli.find_subcommand("serve").unwrap();
+        for arg in serve
+            .get_arguments()
+            .filter(|arg| arg.get_id() != "help" && arg.get_id() != "log")
+        {
+            let variable = format!(
+                "STEREOD_{}",
+                arg.get_long().unwrap().replace('-', "_").to_uppercase()
+            );
+            assert_eq!(
+                arg.get_env().and_then(|env| env.to_str()),
+                Some(variable.as_str())
+            );
+        }
+    }
+
+    #[test]
+    fn flags_win_over_the_file_and_the_file_over_the_defaults() {
+        let file = std::env::temp_dir().join(format!("stereod-args-{}.toml", std::process::id()));
+        std::fs::write(&file, "[workers]\ncount = 3\nqueue_capacity = 9\n").unwrap();
+        let config = serve(&["--config", file.to_str().unwrap(), "--workers", "5"]).into_config();
+        std::fs::remove_file(&file).unwrap();
+        let config = config.unwrap();
+        assert_eq!(config.workers.count, 5);
+        assert_eq!(config.workers.queue_capacity, 9);
+        assert_eq!(config.http.connections, Config::default().http.connections);
+    }
+
+    #[test]
+    fn a_missing_file_is_named() {
+        let error = serve(&["--config", "no/such.toml"])
+            .into_config()
+            .unwrap_err()
+            .to_string();
+        assert!(error.contains("no/such.toml"), "{error}");
+    }
+}

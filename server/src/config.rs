@@ -1,0 +1,300 @@
+//! The validated configuration, one struct a subsystem. The same names are the keys of the TOML file.
+//!
+//! Precedence: command line, then environment (both in [`args`](crate::args)), then the file, then the defaults here.
+
+use std::net::{Ipv4Addr, SocketAddr};
+use std::ops::RangeInclusive;
+use std::time::Duration;
+
+use serde::{Deserialize, Serialize};
+use stereo::{Level, Shape};
+use thiserror::Error;
+
+/// Why the server can't start with this configuration; each says what to do.
+#[derive(Debug, Clone, PartialEq, Eq, Error)]
+pub enum ConfigError {
+    /// The file can't be read.
+    #[error("can't read the configuration file {path}: {reason}")]
+    Unreadable {
+        /// The file.
+        path: String,
+        /// What the system said.
+        reason: String,
+    },
+    /// The file isn't TOML, or has an unknown key or a value of the wrong type.
+    #[error("the configuration file {path} is not valid: {reason}")]
+    Malformed {
+        /// The file.
+        path: String,
+        /// Where, what, and which keys there are.
+        reason: String,
+    },
+    /// A number outside its range.
+    #[error("{name} must be {min} to {max}, got {got}")]
+    OutOfRange {
+        /// Key in the file.
+        name: &'static str,
+        /// Smallest accepted value.
+        min: u64,
+        /// Largest accepted value.
+        max: u64,
+        /// The value given.
+        got: u64,
+    },
+    /// A name with other characters than those allowed.
+    #[error("{name} must be 1 to 64 of the characters A-Z a-z 0-9 _ . -, got `{got}`")]
+    BadName {
+        /// Key in the file.
+        name: &'static str,
+        /// The value given.
+        got: String,
+    },
+    /// An instruction-set level that this build or this machine doesn't have.
+    #[error("simd level `{got}` doesn't exist here; there are: {available}")]
+    NoSuchLevel {
+        /// The value given.
+        got: String,
+        /// What can be given.
+        available: String,
+    },
+    /// Bodies of the largest size could never be accepted.
+    #[error("limits.bytes_in_flight ({bytes_in_flight}) must be at least limits.body_bytes ({body_bytes})")]
+    FlightBelowBody {
+        /// The bound on all bodies together.
+        bytes_in_flight: u64,
+        /// The bound on one body.
+        body_bytes: u64,
+    },
+}
+
+/// Everything the server can be told.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Config {
+    /// Name of this server in reports, `[A-Za-z0-9_.-]{1,64}`.
+    pub instance: String,
+    /// The HTTP transport.
+    pub http: HttpConfig,
+    /// The threads that compute.
+    pub workers: WorkersConfig,
+    /// What is refused before any work is done.
+    pub limits: LimitsConfig,
+}
+
+/// The HTTP transport.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct HttpConfig {
+    /// Address and port to listen on; port 0 lets the system choose one.
+    pub listen: SocketAddr,
+    /// Connections open at one time, 1 to 65536; more wait to be accepted.
+    pub connections: u32,
+    /// Time to send a request's head, and for a connection to rest between two requests, 10 to 600000 ms.
+    #[serde(rename = "header_timeout_ms", with = "milliseconds")]
+    pub header_timeout: Duration,
+    /// Time to send a request's body, and to take its answer, 10 to 600000 ms.
+    #[serde(rename = "body_timeout_ms", with = "milliseconds")]
+    pub body_timeout: Duration,
+}
+
+/// The threads that compute.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct WorkersConfig {
+    /// Number of threads, 1 to 256. Default: one less than the machine has cores, which leaves one to receive and send.
+    pub count: u32,
+    /// `auto`, or the name of a lower instruction-set level than the machine's best.
+    pub simd: String,
+    /// Requests that wait for a worker at one time, 1 to 65536; more are refused.
+    pub queue_capacity: u32,
+}
+
+/// What is refused before any work is done.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct LimitsConfig {
+    /// Size of one request's body in bytes, 1 KiB to 1 GiB.
+    pub body_bytes: u64,
+    /// Pixels of one image, 1024 to 16777216 (4096 x 4096).
+    pub image_pixels: u64,
+    /// All bodies that are being received, wait, are worked on or are being sent, in bytes; at least `body_bytes`, up to 64 GiB.
+    pub bytes_in_flight: u64,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            instance: "stereod".to_owned(),
+            http: HttpConfig::default(),
+            workers: WorkersConfig::default(),
+            limits: LimitsConfig::default(),
+        }
+    }
+}
+
+impl Default for HttpConfig {
+    fn default() -> Self {
+        Self {
+            listen: SocketAddr::from((Ipv4Addr::LOCALHOST, 8080)),
+            connections: 1024,
+            header_timeout: Duration::from_secs(10),
+            body_timeout: Duration::from_secs(30),
+        }
+    }
+}
+
+impl Default for WorkersConfig {
+    fn default() -> Self {
+        let cores = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
+        let count = u32::try_from(cores.saturating_sub(1).clamp(1, 256)).unwrap_or(1);
+        Self {
+            count,
+            simd: "auto".to_owned(),
+            queue_capacity: 64,
+        }
+    }
+}
+
+impl Default for LimitsConfig {
+    fn default() -> Self {
+        Self {
+            body_bytes: 64 << 20,
+            image_pixels: MAX_IMAGE_PIXELS,
+            bytes_in_flight: 512 << 20,
+        }
+    }
+}
+
+const MAX_IMAGE_PIXELS: u64 = (Shape::MAX_SIDE_PX * Shape::MAX_SIDE_PX) as u64;
+
+impl Config {
+    /// The configuration a TOML text describes; what it doesn't name has its default. Not yet validated.
+    ///
+    /// # Errors
+    /// [`ConfigError::Malformed`] naming `path`, the line, and for an unknown key the keys there are.
+    pub fn from_toml(text: &str, path: &str) -> Result<Self, ConfigError> {
+        toml::from_str(text).map_err(|error| ConfigError::Malformed {
+            path: path.to_owned(),
+            reason: error.to_string().trim_end().to_owned(),
+        })
+    }
+
+    /// Checks every value.
+    ///
+    /// # Errors
+    /// The first [`ConfigError`] found.
+    pub fn validate(&self) -> Result<(), ConfigError> {
+        let Self {
+            instance,
+            http,
+            workers,
+            limits,
+        } = self;
+        if !is_name(instance) {
+            return Err(ConfigError::BadName {
+                name: "instance",
+                got: instance.clone(),
+            });
+        }
+        in_range("http.connections", http.connections.into(), 1..=65_536)?;
+        in_range(
+            "http.header_timeout_ms",
+            whole_ms(http.header_timeout),
+            10..=600_000,
+        )?;
+        in_range("http.body_timeout_ms", whole_ms(http.body_timeout), 10..=600_000)?;
+        in_range("workers.count", workers.count.into(), 1..=256)?;
+        in_range(
+            "workers.queue_capacity",
+            workers.queue_capacity.into(),
+            1..=65_536,
+        )?;
+        in_range("limits.body_bytes", limits.body_bytes, 1 << 10..=1 << 30)?;
+        in_range(
+            "limits.image_pixels",
+            limits.image_pixels,
+            1024..=MAX_IMAGE_PIXELS,
+        )?;
+        in_range(
+            "limits.bytes_in_flight",
+            limits.bytes_in_flight,
+            1 << 10..=1 << 36,
+        )?;
+        if limits.bytes_in_flight < limits.body_bytes {
+            let &LimitsConfig {
+                bytes_in_flight,
+                body_bytes,
+                ..
+            } = limits;
+            return Err(ConfigError::FlightBelowBody {
+                bytes_in_flight,
+                body_bytes,
+            });
+        }
+        workers.level().map(drop)
+    }
+}
+
+impl WorkersConfig {
+    /// The instruction-set level to compute with: the machine's best, or the lower one that was named.
+    ///
+    /// # Errors
+    /// [`ConfigError::NoSuchLevel`] naming those that exist.
+    pub fn level(&self) -> Result<Level, ConfigError> {
+        let mut levels = vec![Level::detect(), Level::SCALAR];
+        levels.dedup();
+        if self.simd == "auto" {
+            return Ok(levels[0]);
+        }
+        levels
+            .iter()
+            .copied()
+            .find(|level| level.name() == self.simd)
+            .ok_or_else(|| {
+                let names: Vec<&str> = std::iter::once("auto")
+                    .chain(levels.iter().map(|level| level.name()))
+                    .collect();
+                ConfigError::NoSuchLevel {
+                    got: self.simd.clone(),
+                    available: names.join(", "),
+                }
+            })
+    }
+}
+
+fn is_name(text: &str) -> bool {
+    (1..=64).contains(&text.len())
+        && text
+            .bytes()
+            .all(|b| b.is_ascii_alphanumeric() || b"_.-".contains(&b))
+}
+
+fn in_range(name: &'static str, got: u64, range: RangeInclusive<u64>) -> Result<(), ConfigError> {
+    if range.contains(&got) {
+        return Ok(());
+    }
+    let (min, max) = range.into_inner();
+    Err(ConfigError::OutOfRange { name, min, max, got })
+}
+
+fn whole_ms(duration: Duration) -> u64 {
+    u64::try_from(duration.as_millis()).unwrap_or(u64::MAX)
+}
+
+/// Durations as whole milliseconds.
+mod milliseconds {
+    use std::time::Duration;
+
+    use serde::{Deserialize, Deserializer, Serializer};
+
+    pub(super) fn serialize<S: Serializer>(duration: &Duration, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_u64(super::whole_ms(*duration))
+    }
+
+    pub(super) fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Duration, D::Error> {
+        u64::deserialize(deserializer).map(Duration::from_millis)
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,46 @@
+//! Results out: one file a format. Every body is a pure function of the frame, byte for byte.
+
+pub mod disparity_png;
+
+mod color_png;
+mod glb;
+mod histogram;
+mod ply;
+mod png;
+mod report_json;
+#[cfg(test)]
+mod sample;
+pub(crate) mod surface;
+
+use bytes::Bytes;
+
+use crate::job::{MatchedFrame, ReplyFormat, Report};
+use crate::status::ServiceError;
+use crate::wire;
+
+/// `frame` as a body of `format`. Formats that contain the report call `finish` for it as soon as everything else is
+/// encoded, so that it can say how long that took.
+///
+/// # Errors
+/// [`ServiceError::Internal`] if the mesh that `format` needs was not made or a file gets larger than its format can
+/// say; [`ServiceError::Invalid`] if the left image can't be decoded in colour (it was in gray already).
+pub fn body(
+    format: ReplyFormat,
+    frame: &MatchedFrame<'_>,
+    finish: &dyn Fn() -> Report,
+) -> Result<Bytes, ServiceError> {
+    match format {
+        ReplyFormat::Protobuf => wire::result_body(frame, finish),
+        ReplyFormat::Json => report_json::encode(frame, finish),
+        ReplyFormat::DisparityPng => disparity_png::encode(frame.map),
+        ReplyFormat::ColorPng => color_png::encode(frame.map),
+        ReplyFormat::Glb => glb::encode(frame),
+        ReplyFormat::Ply => ply::encode(frame),
+    }
+    .map(Bytes::from)
+}
+
+/// A body that outgrew its format, or a fault of ours, never of the request.
+fn internal(what: &str) -> ServiceError {
+    ServiceError::Internal(what.to_owned())
+}

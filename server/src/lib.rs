@@ -1,0 +1,107 @@
+//! stereod: stereo matching as a service. A rectified pair and a latency budget go in; the best disparity and mesh that fit
+//! into the budget come out, or a typed refusal.
+//!
+//! An hourglass: transports above ([`transport`]), one waist ([`service::Service::submit`]), one pure core below (the crate
+//! `stereo`) and a pure deadline policy (the crate `stereo-scheduler`). The worker pool is the only place where pixels and
+//! deadlines meet.
+#![forbid(unsafe_code)]
+
+pub mod args;
+pub mod config;
+pub mod decode;
+mod dispatch;
+pub mod encode;
+pub mod geometry;
+pub mod info;
+pub mod job;
+pub mod offline;
+mod pool;
+pub mod service;
+pub mod shutdown;
+pub mod status;
+pub mod transport;
+pub mod wire;
+
+use std::net::SocketAddr;
+use std::sync::Arc;
+
+use thiserror::Error;
+
+use crate::config::{Config, ConfigError};
+use crate::service::Service;
+use crate::transport::http::{Listener, Listening, router};
+
+/// Why the server can't start.
+#[derive(Debug, Error)]
+pub enum StartError {
+    /// The configuration is not acceptable.
+    #[error(transparent)]
+    Config(#[from] ConfigError),
+    /// The address can't be listened on.
+    #[error("can't listen on {addr}: {source}")]
+    Listen {
+        /// The configured address.
+        addr: SocketAddr,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// The system gives no threads.
+    #[error("can't start {count} worker threads: {source}")]
+    Threads {
+        /// How many were asked for.
+        count: u32,
+        /// What the system said.
+        source: std::io::Error,
+    },
+}
+
+/// The whole server, not yet started.
+#[derive(Debug)]
+pub struct Server;
+
+/// A running server. Dropping it leaves the sockets to the runtime; [`shutdown`](Self::shutdown) ends it in order.
+pub struct Running {
+    /// Where it listens, with the port that the system chose if 0 was asked for.
+    pub http_addr: SocketAddr,
+    service: Arc<Service>,
+    listening: Listening,
+}
+
+impl Server {
+    /// Validates `config`, binds the sockets, starts the workers and answers. Needs a multi-threaded tokio runtime.
+    ///
+    /// # Errors
+    /// [`StartError`]; nothing is bound if the configuration is not acceptable.
+    pub async fn start(config: Config) -> Result<Running, StartError> {
+        config.validate()?;
+        let simd = config.workers.level()?.name();
+        let listener = Listener::bind(&config.http)
+            .await
+            .map_err(|source| StartError::Listen {
+                addr: config.http.listen,
+                source,
+            })?;
+        let service = Arc::new(Service::start(&config)?);
+        let router = router(&config, simd, Arc::clone(&service));
+        let listening = listener.serve(&config.http, router);
+        Ok(Running {
+            http_addr: listening.addr,
+            service,
+            listening,
+        })
+    }
+}
+
+impl Running {
+    /// Waits until every worker is done with its dummy pair, and says whether all could match it: `/readyz` is 200 from then on.
+    pub async fn ready(&self) -> bool {
+        self.service.primed().await
+    }
+
+    /// Ends the server: not ready and no new work from now on, what was admitted is finished or expires, then the connections
+    /// are closed, those that are still busy after 2 s by force.
+    pub async fn shutdown(self) {
+        self.service.drain().await;
+        self.listening.close().await;
+    }
+}

@@ -1,0 +1,97 @@
+//! The stereod binary: arguments, configuration, logs, runtime, serve, drain, exit code.
+
+use std::fmt::Display;
+use std::io::{IsTerminal, Write, stderr, stdout};
+use std::process::ExitCode;
+
+use clap::Parser;
+use stereod::args::{Cli, Command};
+use stereod::config::Config;
+use stereod::shutdown::StopSignals;
+use stereod::{Server, StartError, offline};
+use tracing_subscriber::EnvFilter;
+
+/// Bad flags or configuration (sysexits.h: EX_USAGE).
+const USAGE: u8 = 64;
+/// Stopped before everything was finished (EX_SOFTWARE).
+const UNFINISHED: u8 = 70;
+/// The system refuses sockets, threads or signals (EX_OSERR).
+const SYSTEM: u8 = 71;
+
+fn main() -> ExitCode {
+    let cli = match Cli::try_parse() {
+        Ok(cli) => cli,
+        Err(error) => {
+            // Help and version go to stdout and are no error; nothing can be done if even this can't be written.
+            drop(error.print());
+            return ExitCode::from(if error.use_stderr() { USAGE } else { 0 });
+        }
+    };
+    run(cli).err().unwrap_or(ExitCode::SUCCESS)
+}
+
+/// Says on stderr why the process ends, and with which code.
+fn fail<E: Display>(code: u8) -> impl Fn(E) -> ExitCode {
+    move |error| {
+        eprintln!("stereod: {error}");
+        ExitCode::from(code)
+    }
+}
+
+fn run(cli: Cli) -> Result<(), ExitCode> {
+    let filter = EnvFilter::try_new(&cli.log).map_err(fail(USAGE))?;
+    let logs = tracing_subscriber::fmt()
+        .with_env_filter(filter)
+        .with_writer(stderr);
+    logs.with_ansi(stderr().is_terminal()).init();
+    let runtime = || tokio::runtime::Runtime::new().map_err(fail(SYSTEM));
+    match cli.command {
+        Command::Serve(args) => {
+            let config = args.into_config().map_err(fail(USAGE))?;
+            runtime()?.block_on(serve(config))
+        }
+        Command::Match(args) => {
+            let matched = runtime()?.block_on(offline::run(&args));
+            matched.map_err(|error| fail(error.exit_code())(error))
+        }
+    }
+}
+
+async fn serve(config: Config) -> Result<(), ExitCode> {
+    // A struct of numbers and strings always serialises.
+    let effective = serde_json::to_string(&config).unwrap_or_default();
+    tracing::info!(
+        version = env!("CARGO_PKG_VERSION"),
+        config = effective,
+        "effective configuration"
+    );
+    let mut signals = StopSignals::new().map_err(fail(SYSTEM))?;
+    let server = Server::start(config).await.map_err(|error| match error {
+        StartError::Config(_) => fail(USAGE)(error),
+        _ => fail(SYSTEM)(error),
+    })?;
+    // For people, and for programs that asked for port 0; a closed stdout is no reason not to serve.
+    let line = format!("stereod listening on http://{}\n", server.http_addr);
+    let _ = stdout()
+        .write_all(line.as_bytes())
+        .and_then(|()| stdout().flush());
+    let signal = tokio::select! {
+        signal = signals.next() => signal,
+        () = log_readiness(&server) => signals.next().await,
+    };
+    tracing::info!(signal, "stopping: no new work, finishing what was admitted");
+    tokio::select! {
+        () = server.shutdown() => {
+            tracing::info!("stopped");
+            Ok(())
+        }
+        again = signals.next() => Err(fail(UNFINISHED)(format!("{again} again, not everything was finished"))),
+    }
+}
+
+async fn log_readiness(server: &stereod::Running) {
+    match server.ready().await {
+        true => tracing::info!("ready"),
+        false => tracing::error!("not ready: a worker could not match its dummy pair"),
+    }
+}

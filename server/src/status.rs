@@ -1,0 +1,376 @@
+//! What can be refused, and the one table from a refusal to the wire's `Status` and to HTTP.
+
+use std::time::Duration;
+
+use serde::Serialize;
+use stereo_proto::v1::{Reason, Status};
+use thiserror::Error;
+
+/// Why a request got no result. The text is one sentence that says what to do; it goes to the client as it is.
+#[derive(Debug, Clone, PartialEq, Error)]
+pub enum ServiceError {
+    /// Malformed, out of range, contradictory or not built yet.
+    #[error("{0}")]
+    Invalid(String),
+    /// The resource does not exist.
+    #[error("there is nothing at {path}: the service is at POST /v1/stereo, its description at GET /v1/info")]
+    NoSuchResource {
+        /// The path that was asked for.
+        path: String,
+    },
+    /// The resource has other methods.
+    #[error("{path} does not take {got}: use {expected}")]
+    MethodNotAllowed {
+        /// The path that was asked for.
+        path: String,
+        /// Its methods.
+        expected: &'static str,
+        /// The method that was used.
+        got: String,
+    },
+    /// No wanted reply type can be made.
+    #[error("none of the accepted types `{got}` can be made: accept one of {expected}")]
+    NotAcceptable {
+        /// The reply types there are.
+        expected: &'static str,
+        /// The `Accept` header.
+        got: String,
+    },
+    /// The body came too slowly.
+    #[error("the request was not complete after {limit:?}: send it faster or in a smaller encoding")]
+    ReadTimeout {
+        /// How long the server waited.
+        limit: Duration,
+    },
+    /// The body's type is not understood.
+    #[error("the content type `{got}` is not understood: send {expected}")]
+    UnsupportedMediaType {
+        /// The types there are.
+        expected: &'static str,
+        /// The `Content-Type` header, or `none`.
+        got: String,
+    },
+    /// Valid, but this pair can't be matched so.
+    #[error("{0}")]
+    Unmatchable(String),
+    /// Body or image over a limit.
+    #[error("{0}")]
+    TooLarge(String),
+    /// The queue is full.
+    #[error("{limit} requests wait already: try again in a moment or at another server")]
+    QueueFull {
+        /// How many may wait.
+        limit: usize,
+        /// When there should be room, if that is known.
+        earliest_feasible: Option<Duration>,
+    },
+    /// The bodies of other requests fill the memory there is for them.
+    #[error(
+        "the requests under way fill the {limit} bytes there are for them: try again in a moment or at another server"
+    )]
+    BytesInFlight {
+        /// How many bytes all bodies together may have.
+        limit: u64,
+    },
+    /// The server is stopping.
+    #[error("the server is stopping and takes no new work: try another server")]
+    Draining,
+    /// Refused before any work.
+    #[error("a budget of {} ms can't be met: {}", ms(*.budget), feasible(*.earliest_feasible))]
+    DeadlineInfeasible {
+        /// The budget that was given.
+        budget: Duration,
+        /// The smallest one that could be met now, if that is known.
+        earliest_feasible: Option<Duration>,
+    },
+    /// The deadline passed before a result was ready.
+    #[error("the budget of {} ms was over before a result was ready: {}", ms(*.budget), feasible(*.earliest_feasible))]
+    Expired {
+        /// The budget that was given.
+        budget: Duration,
+        /// The smallest one that could be met now, if that is known.
+        earliest_feasible: Option<Duration>,
+    },
+    /// A fault of the server; the text says what failed, not how.
+    #[error("the server failed at this request ({0}): other requests are not affected; please report it")]
+    Internal(String),
+}
+
+impl ServiceError {
+    /// The table: what the client's program sees, and the HTTP status code.
+    #[must_use]
+    pub fn reason_and_code(&self) -> (Reason, u16) {
+        match self {
+            Self::Invalid(_) => (Reason::Invalid, 400),
+            Self::NoSuchResource { .. } => (Reason::Invalid, 404),
+            Self::MethodNotAllowed { .. } => (Reason::Invalid, 405),
+            Self::NotAcceptable { .. } => (Reason::Invalid, 406),
+            Self::ReadTimeout { .. } => (Reason::Expired, 408),
+            Self::UnsupportedMediaType { .. } => (Reason::Invalid, 415),
+            Self::Unmatchable(_) => (Reason::Invalid, 422),
+            Self::TooLarge(_) => (Reason::TooLarge, 413),
+            Self::Internal(_) => (Reason::Internal, 500),
+            Self::QueueFull { .. } => (Reason::QueueFull, 503),
+            Self::BytesInFlight { .. } => (Reason::QueueFull, 503),
+            Self::Draining => (Reason::Draining, 503),
+            Self::DeadlineInfeasible { .. } => (Reason::DeadlineInfeasible, 504),
+            Self::Expired { .. } => (Reason::Expired, 504),
+        }
+    }
+
+    /// Why, for programs.
+    #[must_use]
+    pub fn reason(&self) -> Reason {
+        self.reason_and_code().0
+    }
+
+    /// Why, as metrics and problem details write it: `QUEUE_FULL`.
+    #[must_use]
+    pub fn reason_name(&self) -> &'static str {
+        reason_name(self.reason())
+    }
+
+    /// The HTTP status code.
+    #[must_use]
+    pub fn http_code(&self) -> u16 {
+        self.reason_and_code().1
+    }
+
+    /// The smallest budget that could be met now, or how long to wait before trying again.
+    #[must_use]
+    pub fn earliest_feasible(&self) -> Option<Duration> {
+        match self {
+            Self::QueueFull {
+                earliest_feasible, ..
+            }
+            | Self::DeadlineInfeasible {
+                earliest_feasible, ..
+            }
+            | Self::Expired {
+                earliest_feasible, ..
+            } => *earliest_feasible,
+            _ => None,
+        }
+    }
+
+    /// The value of HTTP's `Retry-After` in seconds, rounded up and at least 1; `None` if trying again is no help.
+    #[must_use]
+    pub fn retry_after_s(&self) -> Option<u64> {
+        let wait = match self {
+            Self::QueueFull { .. } | Self::BytesInFlight { .. } | Self::Draining => {
+                self.earliest_feasible().unwrap_or(Duration::from_secs(1))
+            }
+            _ => self.earliest_feasible()?,
+        };
+        Some((wait.as_secs() + u64::from(wait.subsec_nanos() > 0)).max(1))
+    }
+
+    /// The wire's refusal; `request_id` is empty if it could not be read.
+    #[must_use]
+    pub fn to_status(&self, request_id: &str) -> Status {
+        let (reason, code) = self.reason_and_code();
+        Status {
+            code: u32::from(code),
+            reason: reason.into(),
+            message: self.to_string(),
+            earliest_feasible: self.earliest_feasible().and_then(|wait| wait.try_into().ok()),
+            request_id: request_id.to_owned(),
+        }
+    }
+
+    /// The body of type `application/problem+json` (RFC 9457); `request_id` is left out if empty.
+    #[must_use]
+    pub fn to_problem_json(&self, request_id: &str) -> Vec<u8> {
+        let (reason, code) = self.reason_and_code();
+        let problem = Problem {
+            kind: "about:blank",
+            title: title(code),
+            status: code,
+            detail: self.to_string(),
+            reason: reason_name(reason),
+            earliest_feasible_ms: self.earliest_feasible().map(|wait| wait.as_secs_f64() * 1e3),
+            request_id,
+        };
+        // Strings and finite numbers always serialise; an empty body would still carry the status code.
+        serde_json::to_vec(&problem).unwrap_or_default()
+    }
+}
+
+/// RFC 9457's members and ours.
+#[derive(Serialize)]
+struct Problem<'a> {
+    #[serde(rename = "type")]
+    kind: &'static str,
+    title: &'static str,
+    status: u16,
+    detail: String,
+    reason: &'static str,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    earliest_feasible_ms: Option<f64>,
+    #[serde(skip_serializing_if = "str::is_empty")]
+    request_id: &'a str,
+}
+
+/// A reason without the enum's prefix.
+fn reason_name(reason: Reason) -> &'static str {
+    let name = reason.as_str_name();
+    name.strip_prefix("REASON_").unwrap_or(name)
+}
+
+/// HTTP's own phrase, as RFC 9457 wants for `about:blank`.
+fn title(code: u16) -> &'static str {
+    match code {
+        400 => "Bad Request",
+        404 => "Not Found",
+        405 => "Method Not Allowed",
+        406 => "Not Acceptable",
+        408 => "Request Timeout",
+        413 => "Content Too Large",
+        415 => "Unsupported Media Type",
+        422 => "Unprocessable Content",
+        503 => "Service Unavailable",
+        504 => "Gateway Timeout",
+        _ => "Internal Server Error",
+    }
+}
+
+/// A duration in ms as people write it.
+fn ms(duration: Duration) -> f64 {
+    (duration.as_secs_f64() * 1e6).round() / 1e3
+}
+
+/// What to do about a budget that is too short.
+fn feasible(earliest: Option<Duration>) -> String {
+    match earliest {
+        Some(budget) => format!("now it would take at least {} ms", ms(budget)),
+        None => "give a larger one, ask for fewer outputs, or send smaller images".to_owned(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn every_error() -> Vec<(ServiceError, u16, &'static str)> {
+        let budget = Duration::from_millis(5);
+        let earliest_feasible = Some(Duration::from_micros(12_500));
+        vec![
+            (ServiceError::Invalid("x".into()), 400, "INVALID"),
+            (
+                ServiceError::NoSuchResource { path: "/v2".into() },
+                404,
+                "INVALID",
+            ),
+            (
+                ServiceError::MethodNotAllowed {
+                    path: "/".into(),
+                    expected: "GET",
+                    got: "PUT".into(),
+                },
+                405,
+                "INVALID",
+            ),
+            (
+                ServiceError::NotAcceptable {
+                    expected: "image/png",
+                    got: "text/html".into(),
+                },
+                406,
+                "INVALID",
+            ),
+            (
+                ServiceError::ReadTimeout {
+                    limit: Duration::from_secs(10),
+                },
+                408,
+                "EXPIRED",
+            ),
+            (
+                ServiceError::UnsupportedMediaType {
+                    expected: "a",
+                    got: "b".into(),
+                },
+                415,
+                "INVALID",
+            ),
+            (ServiceError::Unmatchable("x".into()), 422, "INVALID"),
+            (ServiceError::TooLarge("x".into()), 413, "TOO_LARGE"),
+            (ServiceError::Internal("x".into()), 500, "INTERNAL"),
+            (
+                ServiceError::QueueFull {
+                    limit: 8,
+                    earliest_feasible: None,
+                },
+                503,
+                "QUEUE_FULL",
+            ),
+            (ServiceError::BytesInFlight { limit: 1 << 20 }, 503, "QUEUE_FULL"),
+            (ServiceError::Draining, 503, "DRAINING"),
+            (
+                ServiceError::DeadlineInfeasible {
+                    budget,
+                    earliest_feasible,
+                },
+                504,
+                "DEADLINE_INFEASIBLE",
+            ),
+            (
+                ServiceError::Expired {
+                    budget,
+                    earliest_feasible: None,
+                },
+                504,
+                "EXPIRED",
+            ),
+        ]
+    }
+
+    #[test]
+    fn every_error_has_one_code_and_reason_on_both_encodings() {
+        for (error, code, reason) in every_error() {
+            let status = error.to_status("id-7");
+            assert_eq!(status.code, u32::from(code), "{error}");
+            assert_eq!(
+                status.reason().as_str_name(),
+                format!("REASON_{reason}"),
+                "{error}"
+            );
+            assert_eq!(status.request_id, "id-7");
+            let problem: serde_json::Value = serde_json::from_slice(&error.to_problem_json("id-7")).unwrap();
+            assert_eq!(problem["status"], code);
+            assert_eq!(problem["reason"], reason);
+            assert_eq!(problem["detail"], status.message);
+            assert_eq!(problem["type"], "about:blank");
+            assert_eq!(problem["request_id"], "id-7");
+        }
+    }
+
+    #[test]
+    fn retry_after_is_rounded_up_and_the_body_is_exact() {
+        let error = ServiceError::DeadlineInfeasible {
+            budget: Duration::from_millis(5),
+            earliest_feasible: Some(Duration::from_micros(12_500)),
+        };
+        assert_eq!(error.retry_after_s(), Some(1));
+        let problem: serde_json::Value = serde_json::from_slice(&error.to_problem_json("")).unwrap();
+        assert_eq!(problem["earliest_feasible_ms"], 12.5);
+        assert!(problem.get("request_id").is_none());
+        let wait = |wait_ms| {
+            let earliest_feasible = Some(Duration::from_millis(wait_ms));
+            ServiceError::QueueFull {
+                limit: 1,
+                earliest_feasible,
+            }
+            .retry_after_s()
+        };
+        assert_eq!((wait(0), wait(1000), wait(1001)), (Some(1), Some(1), Some(2)));
+    }
+
+    #[test]
+    fn only_what_can_pass_is_worth_trying_again() {
+        for (error, code, _) in every_error() {
+            let known = error.earliest_feasible().is_some();
+            assert_eq!(error.retry_after_s().is_some(), code == 503 || known, "{error}");
+        }
+    }
+}

@@ -1,0 +1,77 @@
+//! HTTP/1.1 and h2c: one route family a file, everything wrapped by the [`envelope`].
+//!
+//! | route | what |
+//! | --- | --- |
+//! | `POST /v1/stereo` | a pair in, a result out ([`frames`]) |
+//! | `GET /v1/info`, `/v1/schema.binpb`, `/livez`, `/readyz` | about the server ([`about`]) |
+
+mod about;
+mod body;
+mod connections;
+mod envelope;
+mod form;
+mod frames;
+mod negotiate;
+mod refusal;
+
+use std::sync::Arc;
+
+use axum::Router;
+use axum::extract::Request;
+use axum::middleware::from_fn_with_state;
+use axum::response::Response;
+use axum::routing::{MethodRouter, get, post};
+
+pub use self::connections::{Listener, Listening};
+use crate::config::Config;
+use crate::info::Info;
+use crate::service::Service;
+use crate::status::ServiceError;
+
+/// What the routes share.
+struct Http {
+    service: Arc<Service>,
+    bodies: body::BodyLimits,
+    max_image_px: u64,
+    info: Info,
+}
+
+/// All routes in front of `service`. `simd` is the name of the instruction-set level in use.
+pub fn router(config: &Config, simd: &'static str, service: Arc<Service>) -> Router {
+    let http = Http {
+        service,
+        bodies: body::BodyLimits::new(config),
+        max_image_px: config.limits.image_pixels,
+        info: Info::new(config, simd),
+    };
+    let names = Arc::new(envelope::RequestNames::new(&config.instance));
+    Router::new()
+        .route("/v1/stereo", only("POST", post(frames::post)))
+        .route("/v1/info", only("GET, HEAD", get(about::info)))
+        .route("/v1/schema.binpb", only("GET, HEAD", get(about::schema)))
+        .route("/livez", only("GET, HEAD", get(about::live)))
+        .route("/readyz", only("GET, HEAD", get(about::ready)))
+        .fallback(no_such_resource)
+        .layer(from_fn_with_state(names, envelope::wrap))
+        .with_state(Arc::new(http))
+}
+
+/// A resource whose other methods are refused naming `expected`.
+fn only(expected: &'static str, methods: MethodRouter<Arc<Http>>) -> MethodRouter<Arc<Http>> {
+    methods.fallback(move |request: Request| async move {
+        let path = request.uri().path().to_owned();
+        let got = request.method().to_string();
+        body::refuse_unread(
+            request.into_body(),
+            ServiceError::MethodNotAllowed { path, expected, got },
+        )
+    })
+}
+
+async fn no_such_resource(request: Request) -> Response {
+    let path = request.uri().path().to_owned();
+    body::refuse_unread(request.into_body(), ServiceError::NoSuchResource { path })
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,167 @@
+//! Routes that describe the server: what it is, how to talk to it, whether it lives, whether it is ready.
+
+use std::sync::Arc;
+
+use axum::body::Body;
+use axum::extract::State;
+use axum::http::header::CONTENT_TYPE;
+use axum::http::{HeaderValue, StatusCode};
+use axum::response::Response;
+use bytes::Bytes;
+use serde::Serialize;
+
+use super::Http;
+use crate::service::Health;
+use crate::status::ServiceError;
+
+/// `GET /v1/info`.
+pub(super) async fn info(State(http): State<Arc<Http>>) -> Response {
+    json(StatusCode::OK, &http.info)
+}
+
+/// `GET /v1/schema.binpb`: the wire's messages as a `google.protobuf.FileDescriptorSet`.
+pub(super) async fn schema() -> Response {
+    typed(
+        StatusCode::OK,
+        super::negotiate::PROTOBUF,
+        Bytes::from_static(stereo_proto::DESCRIPTOR_SET),
+    )
+}
+
+/// `GET /livez`: the process answers.
+pub(super) async fn live() -> Response {
+    json(StatusCode::OK, &Liveness { status: "live" })
+}
+
+/// `GET /readyz`: 200 if a frame sent now would be taken, else 503 and why not.
+pub(super) async fn ready(State(http): State<Arc<Http>>) -> Response {
+    let (code, readiness) = readiness(http.service.health());
+    json(code, &readiness)
+}
+
+#[derive(Serialize)]
+struct Liveness {
+    status: &'static str,
+}
+
+#[derive(Debug, PartialEq, Eq, Serialize)]
+struct Readiness {
+    status: &'static str,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    why: Option<String>,
+    queue_depth: usize,
+}
+
+fn readiness(health: Health) -> (StatusCode, Readiness) {
+    let Health {
+        workers,
+        workers_primed,
+        workers_failed,
+        queue_depth,
+        is_draining,
+        ..
+    } = health;
+    let why = if is_draining {
+        Some("the server is stopping".to_owned())
+    } else if workers_failed > 0 {
+        Some(format!(
+            "{workers_failed} of {workers} workers could not match their dummy pair: please report it"
+        ))
+    } else if workers_primed < workers {
+        Some(format!(
+            "{workers_primed} of {workers} workers have matched their dummy pair"
+        ))
+    } else {
+        None
+    };
+    match why {
+        None => (
+            StatusCode::OK,
+            Readiness {
+                status: "ready",
+                why,
+                queue_depth,
+            },
+        ),
+        Some(_) => (
+            StatusCode::SERVICE_UNAVAILABLE,
+            Readiness {
+                status: "not ready",
+                why,
+                queue_depth,
+            },
+        ),
+    }
+}
+
+fn json(code: StatusCode, value: &impl Serialize) -> Response {
+    match serde_json::to_vec(value) {
+        Ok(body) => typed(code, "application/json", body.into()),
+        Err(error) => axum::response::IntoResponse::into_response(super::refusal::Refusal(
+            ServiceError::Internal(format!("the answer can't be written as JSON: {error}")),
+        )),
+    }
+}
+
+fn typed(code: StatusCode, media_type: &'static str, body: Bytes) -> Response {
+    let mut response = Response::new(Body::from(body));
+    *response.status_mut() = code;
+    response
+        .headers_mut()
+        .insert(CONTENT_TYPE, HeaderValue::from_static(media_type));
+    response
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const READY: Health = Health {
+        workers: 2,
+        workers_primed: 2,
+        workers_failed: 0,
+        queue_depth: 3,
+        is_draining: false,
+        panics: 0,
+    };
+
+    #[test]
+    fn a_server_is_ready_when_all_workers_are_primed_and_it_is_not_stopping() {
+        let ready = Readiness {
+            status: "ready",
+            why: None,
+            queue_depth: 3,
+        };
+        assert_eq!(readiness(READY), (StatusCode::OK, ready));
+    }
+
+    #[test]
+    fn a_server_that_is_not_ready_says_why() {
+        let (code, cold) = readiness(Health {
+            workers_primed: 1,
+            ..READY
+        });
+        assert_eq!(code, StatusCode::SERVICE_UNAVAILABLE);
+        assert_eq!(
+            cold.why.as_deref(),
+            Some("1 of 2 workers have matched their dummy pair")
+        );
+        let (code, broken) = readiness(Health {
+            workers_primed: 1,
+            workers_failed: 1,
+            ..READY
+        });
+        assert_eq!(code, StatusCode::SERVICE_UNAVAILABLE);
+        assert!(
+            broken
+                .why
+                .is_some_and(|why| why.starts_with("1 of 2 workers could not"))
+        );
+        let (code, stopping) = readiness(Health {
+            is_draining: true,
+            ..READY
+        });
+        assert_eq!(code, StatusCode::SERVICE_UNAVAILABLE);
+        assert_eq!(stopping.why.as_deref(), Some("the server is stopping"));
+    }
+}

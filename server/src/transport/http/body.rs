@@ -1,0 +1,314 @@
+//! Bodies: requests' bounded in size and time, and requests' and replies' all together. What arrives is counted as it arrives,
+//! before it is kept; what is sent is counted until it is sent.
+
+use std::convert::Infallible;
+use std::pin::Pin;
+use std::sync::Arc;
+use std::task::{Context, Poll};
+use std::time::{Duration, Instant};
+
+use axum::body::{Body, HttpBody};
+use axum::response::{IntoResponse, Response};
+use bytes::{Bytes, BytesMut};
+use http_body_util::BodyExt;
+use hyper::body::{Frame, SizeHint};
+use tokio::sync::{OwnedSemaphorePermit, Semaphore};
+use tokio::time::{timeout, timeout_at};
+
+use super::refusal::Refusal;
+use crate::config::Config;
+use crate::status::ServiceError;
+
+/// Memory reserved for a body at once, whatever length it claims.
+const FIRST_RESERVATION: usize = 4 << 20;
+/// Size of the pieces that a reply is sent in.
+const PIECE: usize = 128 << 10;
+/// How long a refused request may go on sending. A client that is cut off while it sends would not read why.
+const LINGER: Duration = Duration::from_secs(5);
+/// How much longer than the limit a body may be for its sender to be waited for.
+const LINGER_FACTOR: u64 = 4;
+
+/// The bounds of bodies.
+pub(super) struct BodyLimits {
+    body_bytes: u64,
+    bytes_in_flight: u64,
+    read_timeout: Duration,
+    in_flight: Arc<Semaphore>,
+}
+
+/// A whole body. Its bytes count as in flight until this is dropped.
+pub(super) struct Received {
+    pub(super) bytes: Bytes,
+    pub(super) share: Option<OwnedSemaphorePermit>,
+}
+
+impl BodyLimits {
+    pub(super) fn new(config: &Config) -> Self {
+        let bytes_in_flight = config.limits.bytes_in_flight;
+        let permits = usize::try_from(bytes_in_flight)
+            .unwrap_or(usize::MAX)
+            .min(Semaphore::MAX_PERMITS);
+        Self {
+            body_bytes: config.limits.body_bytes,
+            bytes_in_flight,
+            read_timeout: config.http.body_timeout,
+            in_flight: Arc::new(Semaphore::new(permits)),
+        }
+    }
+
+    /// Reads a whole body. `budget` is what the headers said.
+    ///
+    /// # Errors
+    /// Too large (by the length it claims before anything is read, else when it has grown too large), too slow, past its
+    /// deadline, broken off, or no room for it among the others.
+    pub(super) async fn read(
+        &self,
+        mut body: Body,
+        received_at: Instant,
+        budget: Option<Duration>,
+    ) -> Result<Received, ServiceError> {
+        let claimed = body.size_hint().lower();
+        if claimed > self.body_bytes {
+            linger(body, claimed, self.body_bytes);
+            return Err(self.too_large(Some(claimed)));
+        }
+        let limit = budget.map_or(self.read_timeout, |budget| budget.min(self.read_timeout));
+        let outcome = timeout_at((received_at + limit).into(), self.collect(&mut body, claimed)).await;
+        match (outcome, budget) {
+            (Ok(Ok(received)), _) => Ok(received),
+            (Ok(Err(error)), _) => {
+                linger(body, claimed, self.body_bytes);
+                Err(error)
+            }
+            (Err(_), Some(budget)) if budget <= self.read_timeout => Err(ServiceError::Expired {
+                budget,
+                earliest_feasible: None,
+            }),
+            (Err(_), _) => Err(ServiceError::ReadTimeout {
+                limit: self.read_timeout,
+            }),
+        }
+    }
+
+    async fn collect(&self, body: &mut Body, claimed: u64) -> Result<Received, ServiceError> {
+        let expected = usize::try_from(claimed)
+            .unwrap_or(usize::MAX)
+            .min(FIRST_RESERVATION);
+        let mut bytes = BytesMut::with_capacity(expected);
+        let mut share: Option<OwnedSemaphorePermit> = None;
+        while let Some(frame) = body.frame().await {
+            let frame =
+                frame.map_err(|error| ServiceError::Invalid(format!("the body broke off: {error}")))?;
+            let Ok(data) = frame.into_data() else { continue };
+            if bytes.len() as u64 + data.len() as u64 > self.body_bytes {
+                return Err(self.too_large(None));
+            }
+            let more = self.reserve(data.len())?;
+            match &mut share {
+                Some(share) => share.merge(more),
+                None => share = Some(more),
+            }
+            bytes.extend_from_slice(&data);
+        }
+        Ok(Received {
+            bytes: bytes.freeze(),
+            share,
+        })
+    }
+
+    /// A reply's body, counted as in flight until the client has taken it or gone.
+    ///
+    /// # Errors
+    /// No room for it among the others.
+    pub(super) fn reply(&self, bytes: Bytes) -> Result<Body, ServiceError> {
+        let share = self.reserve(bytes.len())?;
+        Ok(Body::new(Reply {
+            rest: bytes,
+            _share: share,
+        }))
+    }
+
+    fn reserve(&self, count: usize) -> Result<OwnedSemaphorePermit, ServiceError> {
+        let full = ServiceError::BytesInFlight {
+            limit: self.bytes_in_flight,
+        };
+        let Ok(count) = u32::try_from(count) else {
+            return Err(full);
+        };
+        Arc::clone(&self.in_flight)
+            .try_acquire_many_owned(count)
+            .map_err(|_| full)
+    }
+
+    fn too_large(&self, claimed: Option<u64>) -> ServiceError {
+        let got = claimed.map_or_else(
+            || "and this one goes on".to_owned(),
+            |bytes| format!("got {bytes}"),
+        );
+        ServiceError::TooLarge(format!(
+            "a request's body can have up to {} bytes, {got}: send a smaller image or a tighter encoding",
+            self.body_bytes
+        ))
+    }
+}
+
+/// A reply on its way. It is handed over in pieces, so that it lives (and is counted) while the client takes them.
+struct Reply {
+    rest: Bytes,
+    /// Held for its drop.
+    _share: OwnedSemaphorePermit,
+}
+
+impl HttpBody for Reply {
+    type Data = Bytes;
+    type Error = Infallible;
+
+    fn poll_frame(
+        mut self: Pin<&mut Self>,
+        _: &mut Context<'_>,
+    ) -> Poll<Option<Result<Frame<Bytes>, Infallible>>> {
+        let count = self.rest.len().min(PIECE);
+        let piece = self.rest.split_to(count);
+        Poll::Ready((count > 0).then_some(Ok(Frame::data(piece))))
+    }
+
+    fn is_end_stream(&self) -> bool {
+        self.rest.is_empty()
+    }
+
+    fn size_hint(&self) -> SizeHint {
+        SizeHint::with_exact(self.rest.len() as u64)
+    }
+}
+
+/// A refusal of a request whose body was not read.
+pub(super) fn refuse_unread(body: Body, error: ServiceError) -> Response {
+    let claimed = body.size_hint().lower();
+    linger(body, claimed, FIRST_RESERVATION as u64);
+    Refusal(error).into_response()
+}
+
+/// Lets the client finish sending a body that nobody wants, within reason, so that it gets to read the answer.
+fn linger(body: Body, claimed: u64, limit: u64) {
+    let most = limit.saturating_mul(LINGER_FACTOR);
+    if !body.is_end_stream() && claimed <= most {
+        tokio::spawn(async move { drop(timeout(LINGER, discard(body, most)).await) });
+    }
+}
+
+async fn discard(mut body: Body, most: u64) {
+    let mut discarded = 0;
+    while let Some(Ok(frame)) = body.frame().await {
+        discarded += frame.data_ref().map_or(0, |data| data.len() as u64);
+        if discarded > most {
+            return;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use futures_util::stream;
+
+    use super::*;
+
+    fn limits(body_bytes: u64, bytes_in_flight: u64, read_timeout: Duration) -> BodyLimits {
+        let mut config = Config::default();
+        config.limits.body_bytes = body_bytes;
+        config.limits.bytes_in_flight = bytes_in_flight;
+        config.http.body_timeout = read_timeout;
+        BodyLimits::new(&config)
+    }
+
+    fn chunks(chunks: &[&'static [u8]]) -> Body {
+        let chunks: Vec<_> = chunks
+            .iter()
+            .map(|chunk| Ok::<_, Infallible>(Bytes::from_static(chunk)))
+            .collect();
+        Body::from_stream(stream::iter(chunks))
+    }
+
+    async fn read(limits: &BodyLimits, body: Body) -> Result<Received, ServiceError> {
+        limits.read(body, Instant::now(), None).await
+    }
+
+    const LONG: Duration = Duration::from_secs(60);
+
+    #[tokio::test]
+    async fn a_body_that_claims_too_much_is_refused_unread() {
+        let limits = limits(4, 8, LONG);
+        let error = read(&limits, Body::from("12345")).await.map(|_| ()).unwrap_err();
+        assert!(
+            matches!(&error, ServiceError::TooLarge(text) if text.contains("got 5")),
+            "{error}"
+        );
+    }
+
+    #[tokio::test]
+    async fn a_body_that_grows_too_large_is_refused() {
+        let limits = limits(4, 8, LONG);
+        let error = read(&limits, chunks(&[b"123", b"45"]))
+            .await
+            .map(|_| ())
+            .unwrap_err();
+        assert!(matches!(error, ServiceError::TooLarge(_)));
+        assert!(
+            read(&limits, chunks(&[b"123", b"4"]))
+                .await
+                .is_ok_and(|body| body.bytes == "1234")
+        );
+    }
+
+    #[tokio::test]
+    async fn bodies_in_flight_share_one_bound_and_give_their_share_back() {
+        let limits = limits(4, 6, LONG);
+        let first = read(&limits, chunks(&[b"12", b"34"]))
+            .await
+            .unwrap_or_else(|error| panic!("{error}"));
+        let error = read(&limits, Body::from("567")).await.map(|_| ()).unwrap_err();
+        assert_eq!(error, ServiceError::BytesInFlight { limit: 6 });
+        drop(first);
+        assert!(read(&limits, Body::from("567")).await.is_ok());
+    }
+
+    #[tokio::test]
+    async fn a_reply_is_whole_and_counts_until_it_is_taken() {
+        let limits = limits(1 << 20, 1 << 20, LONG);
+        let bytes = Bytes::from(vec![7; (1 << 20) - 1]);
+        let reply = limits
+            .reply(bytes.clone())
+            .unwrap_or_else(|error| panic!("{error}"));
+        assert_eq!(reply.size_hint().exact(), Some(bytes.len() as u64));
+        assert!(matches!(
+            limits.reply(bytes.clone()),
+            Err(ServiceError::BytesInFlight { .. })
+        ));
+        assert_eq!(reply.collect().await.unwrap().to_bytes(), bytes);
+        assert!(limits.reply(bytes).is_ok());
+    }
+
+    #[tokio::test]
+    async fn a_body_that_does_not_come_is_a_timeout_or_past_its_deadline() {
+        let endless = || Body::from_stream(stream::pending::<Result<Bytes, Infallible>>());
+        let short = Duration::from_millis(1);
+        let impatient = limits(4, 8, short);
+        let slow = impatient
+            .read(endless(), Instant::now(), None)
+            .await
+            .map(|_| ())
+            .unwrap_err();
+        assert_eq!(slow, ServiceError::ReadTimeout { limit: short });
+        let late = limits(4, 8, LONG)
+            .read(endless(), Instant::now(), Some(short))
+            .await
+            .map(|_| ())
+            .unwrap_err();
+        assert_eq!(
+            late,
+            ServiceError::Expired {
+                budget: short,
+                earliest_feasible: None
+            }
+        );
+    }
+}

@@ -1,0 +1,229 @@
+//! `POST /v1/stereo`: one pair in, one reply out.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use axum::extract::{Extension, Request, State};
+use axum::http::header::CONTENT_TYPE;
+use axum::http::{HeaderMap, HeaderName, HeaderValue, Uri};
+use axum::response::Response;
+
+use super::body::Received;
+use super::envelope::{ReceivedAt, RequestId};
+use super::form::parts_from_multipart;
+use super::negotiate::{self, Reply};
+use super::refusal::Refusal;
+use super::{Http, body};
+use crate::job::Report;
+use crate::status::ServiceError;
+use crate::wire::{
+    Intake, decode_request, frame_request, latency_budget_from_grpc_timeout, latency_budget_from_ms,
+    request_from_form,
+};
+
+const SERVER_TIMING: HeaderName = HeaderName::from_static("server-timing");
+const CONTENT_TYPES: &str =
+    "multipart/form-data with the parts left, right and options, or application/x-protobuf";
+
+/// What the head of a request says.
+struct Head {
+    reply: Reply,
+    content: Content,
+    budget: Option<Duration>,
+}
+
+/// How the body is written.
+enum Content {
+    Protobuf,
+    Multipart { boundary: String },
+}
+
+/// The route.
+pub(super) async fn post(
+    State(http): State<Arc<Http>>,
+    Extension(ReceivedAt(received_at)): Extension<ReceivedAt>,
+    Extension(RequestId(request_id)): Extension<RequestId>,
+    request: Request,
+) -> Result<Response, Refusal> {
+    let (parts, body) = request.into_parts();
+    let head = match read_head(&http, &parts.uri, &parts.headers) {
+        Ok(head) => head,
+        Err(error) => return Ok(body::refuse_unread(body, error)),
+    };
+    let reply = head.reply;
+    let Received { bytes, share } = http.bodies.read(body, received_at, head.budget).await?;
+    let message = match &head.content {
+        Content::Protobuf => decode_request(bytes)?,
+        Content::Multipart { boundary } => request_from_form(parts_from_multipart(bytes, boundary).await?)?,
+    };
+    let intake = Intake {
+        received_at,
+        latency_budget: head.budget,
+        request_id,
+        formats: vec![reply.format],
+        max_image_px: http.max_image_px,
+    };
+    let finished = http.service.submit(frame_request(message, intake)?).await?;
+    // The pixels were slices of the request's body; from here on the reply's takes its place.
+    drop(share);
+    let body = finished.bodies.into_iter().next();
+    let body = body.ok_or_else(|| ServiceError::Internal("a reply without a body".to_owned()))?;
+    let mut response = Response::new(http.bodies.reply(body)?);
+    let headers = response.headers_mut();
+    headers.insert(CONTENT_TYPE, HeaderValue::from_static(reply.media_type));
+    // Digits, letters and punctuation, so always a valid header value.
+    if let Ok(timing) = HeaderValue::from_str(&server_timing(&finished.report)) {
+        headers.insert(SERVER_TIMING, timing);
+    }
+    Ok(response)
+}
+
+fn read_head(http: &Http, uri: &Uri, headers: &HeaderMap) -> Result<Head, ServiceError> {
+    if http.service.health().is_draining {
+        return Err(ServiceError::Draining);
+    }
+    let content = content(headers)?;
+    let reply = negotiate::reply(headers, view(uri.query().unwrap_or_default())?.as_deref())?;
+    Ok(Head {
+        reply,
+        content,
+        budget: budget(headers)?,
+    })
+}
+
+fn content(headers: &HeaderMap) -> Result<Content, ServiceError> {
+    let unsupported = |got: &str| ServiceError::UnsupportedMediaType {
+        expected: CONTENT_TYPES,
+        got: got.to_owned(),
+    };
+    let Some(given) = headers.get(CONTENT_TYPE) else {
+        return Err(unsupported("none"));
+    };
+    let given = String::from_utf8_lossy(given.as_bytes());
+    let essence = negotiate::essence(&given);
+    if negotiate::is_protobuf(&essence) {
+        return Ok(Content::Protobuf);
+    }
+    if essence != "multipart/form-data" {
+        return Err(unsupported(&given));
+    }
+    let boundary = multer::parse_boundary(given.as_ref()).map_err(|_| {
+        ServiceError::Invalid(format!(
+            "Content-Type must name the boundary of the parts, got `{given}`"
+        ))
+    })?;
+    Ok(Content::Multipart { boundary })
+}
+
+/// The value of `?view=`; every other parameter is refused by name.
+fn view(query: &str) -> Result<Option<String>, ServiceError> {
+    let mut view = None;
+    for parameter in query.split('&').filter(|parameter| !parameter.is_empty()) {
+        let (name, value) = parameter.split_once('=').unwrap_or((parameter, ""));
+        if name != "view" {
+            return Err(ServiceError::Invalid(format!(
+                "the query parameter `{name}` doesn't exist: there is view=disparity and view=color; options go into the body"
+            )));
+        }
+        if view.replace(value.to_owned()).is_some() {
+            return Err(ServiceError::Invalid(
+                "the query parameter `view` is given twice".to_owned(),
+            ));
+        }
+    }
+    Ok(view)
+}
+
+/// The smallest budget that the headers give.
+fn budget(headers: &HeaderMap) -> Result<Option<Duration>, ServiceError> {
+    let mut smallest: Option<Duration> = None;
+    let mut take = |budget: Duration| smallest = Some(smallest.map_or(budget, |known| known.min(budget)));
+    for value in headers.get_all("x-latency-budget-ms") {
+        take(latency_budget_from_ms(
+            "X-Latency-Budget-Ms",
+            &String::from_utf8_lossy(value.as_bytes()),
+        )?);
+    }
+    for value in headers.get_all("grpc-timeout") {
+        take(latency_budget_from_grpc_timeout(&String::from_utf8_lossy(
+            value.as_bytes(),
+        ))?);
+    }
+    Ok(smallest)
+}
+
+/// The stages of a frame as `Server-Timing` (W3C) has them, in plain decimal milliseconds.
+fn server_timing(report: &Report) -> String {
+    let stages = [
+        ("queue", report.queued),
+        ("decode", report.decoded),
+        ("match", report.matched),
+        ("mesh", report.meshed),
+        ("encode", report.encoded),
+    ];
+    let stages = stages.map(|(name, took)| format!("{name};dur={:.3}", took.as_secs_f64() * 1e3));
+    stages.join(", ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn headers(pairs: &[(&'static str, &'static str)]) -> HeaderMap {
+        pairs
+            .iter()
+            .map(|&(name, value)| (HeaderName::from_static(name), HeaderValue::from_static(value)))
+            .collect()
+    }
+
+    #[test]
+    fn the_smallest_budget_given_wins() {
+        let both = headers(&[("x-latency-budget-ms", "80"), ("grpc-timeout", "50m")]);
+        assert_eq!(budget(&both), Ok(Some(Duration::from_millis(50))));
+        let one = headers(&[("x-latency-budget-ms", "12.5")]);
+        assert_eq!(budget(&one), Ok(Some(Duration::from_micros(12_500))));
+        assert_eq!(budget(&HeaderMap::new()), Ok(None));
+    }
+
+    #[test]
+    fn a_malformed_budget_is_refused_even_beside_a_good_one() {
+        for (name, bad) in [("grpc-timeout", "50"), ("x-latency-budget-ms", "soon")] {
+            let mut given = headers(&[("x-latency-budget-ms", "80")]);
+            given.append(name, HeaderValue::from_static(bad));
+            assert_eq!(budget(&given).unwrap_err().http_code(), 400, "{name}");
+        }
+    }
+
+    #[test]
+    fn only_the_view_is_taken_from_the_query_and_only_once() {
+        assert_eq!(view(""), Ok(None));
+        assert_eq!(view("view=color"), Ok(Some("color".to_owned())));
+        assert!(view("preset=paper").unwrap_err().to_string().contains("`preset`"));
+        assert!(view("view=color&view=disparity").is_err());
+    }
+
+    #[test]
+    fn stage_times_are_plain_decimal_milliseconds() {
+        let report = Report {
+            queued: Duration::from_micros(10),
+            matched: Duration::from_micros(5_250),
+            ..Report::default()
+        };
+        let expected = "queue;dur=0.010, decode;dur=0.000, match;dur=5.250, mesh;dur=0.000, encode;dur=0.000";
+        assert_eq!(server_timing(&report), expected);
+    }
+
+    #[test]
+    fn unknown_content_types_are_refused_naming_the_known_ones() {
+        for (pairs, code) in [
+            (headers(&[]), 415),
+            (headers(&[("content-type", "text/plain")]), 415),
+            (headers(&[("content-type", "multipart/form-data")]), 400),
+        ] {
+            let error = content(&pairs).map(|_| ()).unwrap_err();
+            assert_eq!(error.http_code(), code, "{error}");
+        }
+        let quoted = headers(&[("content-type", "Multipart/Form-Data; boundary=\"a b\"")]);
+        assert!(matches!(content(&quoted), Ok(Content::Multipart { boundary }) if boundary == "a b"));
+    }
+}

@@ -1,0 +1,63 @@
+//! Refusals on their way out. Routes only say what went wrong; the envelope writes it in the form the client reads.
+
+use axum::body::Body;
+use axum::http::header::{ALLOW, CONTENT_TYPE, RETRY_AFTER};
+use axum::http::{HeaderValue, StatusCode};
+use axum::response::{IntoResponse, Response};
+use prost::Message;
+
+use super::negotiate::{PROBLEM_JSON, PROTOBUF, RefusalForm};
+use crate::status::ServiceError;
+
+/// A refusal that has not been written yet: a response that carries it as an extension.
+pub(super) struct Refusal(pub(super) ServiceError);
+
+/// The extension.
+#[derive(Clone)]
+struct Unwritten(ServiceError);
+
+impl From<ServiceError> for Refusal {
+    fn from(error: ServiceError) -> Self {
+        Self(error)
+    }
+}
+
+impl IntoResponse for Refusal {
+    fn into_response(self) -> Response {
+        let mut response = status(&self.0).into_response();
+        response.extensions_mut().insert(Unwritten(self.0));
+        response
+    }
+}
+
+/// Writes the body of a response that is an unwritten refusal; leaves every other as it is.
+pub(super) fn written(mut response: Response, form: RefusalForm, request_id: &str) -> Response {
+    match response.extensions_mut().remove::<Unwritten>() {
+        Some(Unwritten(error)) => write(&error, form, request_id),
+        None => response,
+    }
+}
+
+/// A refusal as a response.
+pub(super) fn write(error: &ServiceError, form: RefusalForm, request_id: &str) -> Response {
+    let (media_type, body) = match form {
+        RefusalForm::Problem => (PROBLEM_JSON, error.to_problem_json(request_id)),
+        RefusalForm::Status => (PROTOBUF, error.to_status(request_id).encode_to_vec()),
+    };
+    let mut response = Response::new(Body::from(body));
+    *response.status_mut() = status(error);
+    let headers = response.headers_mut();
+    headers.insert(CONTENT_TYPE, HeaderValue::from_static(media_type));
+    if let Some(seconds) = error.retry_after_s() {
+        headers.insert(RETRY_AFTER, HeaderValue::from(seconds));
+    }
+    if let ServiceError::MethodNotAllowed { expected, .. } = error {
+        headers.insert(ALLOW, HeaderValue::from_static(expected));
+    }
+    response
+}
+
+fn status(error: &ServiceError) -> StatusCode {
+    // The table has no code outside 100..1000.
+    StatusCode::from_u16(error.http_code()).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR)
+}

@@ -1,0 +1,25 @@
+//! The wire's messages to the domain's types and back, and nothing else: shapes, sizes and options are checked here, once.
+//!
+//! ```text
+//! application/x-protobuf ── decode_request ──┐
+//!                                            ├─> StereoRequest ── frame_request ──> FrameRequest    (every check)
+//! multipart/form-data ──── request_from_form ┘
+//!
+//! MatchedFrame ── result_body ──> StereoResult
+//! ```
+//!
+//! Whatever way a request came, one path checks it. An option or encoding that isn't built yet is refused naming it.
+
+mod budget;
+mod form;
+mod images;
+mod options;
+mod range;
+mod report;
+mod request;
+mod result;
+
+pub use budget::{latency_budget_from_grpc_timeout, latency_budget_from_ms};
+pub use form::{FormParts, request_from_form};
+pub use request::{Intake, decode_request, frame_request};
+pub use result::result_body;

@@ -1,0 +1,271 @@
+//! The multipart form: two image files and options as JSON, as the same message that comes as protobuf.
+//!
+//! Names in JSON are the message's, except that durations are numbers of milliseconds named `*_ms`. What is absent or `null` has
+//! its default. Here only types are checked, and numbers that the message could not hold; ranges are checked where the
+//! message's are.
+
+mod choice;
+mod object;
+
+use bytes::Bytes;
+use prost_types::Timestamp;
+use serde::Deserialize;
+use stereo_proto::v1;
+
+use self::choice::{COMPRESSION, DENSITY, DISPARITY_ENCODING, OUTPUTS, PRESET, PRIORITY_CLASS, choice};
+use self::object::Object;
+use super::budget;
+use super::range::{MAX_ITERATIONS, MIN_DISPARITY, NUM_DISPARITIES, Range};
+use crate::decode::{self, Side};
+use crate::job::ImageEncoding;
+use crate::status::ServiceError;
+
+/// The parts of a form; `None` = not sent.
+#[derive(Debug, Clone, Default)]
+pub struct FormParts {
+    /// Left image: a PNG or JPEG file.
+    pub left: Option<Bytes>,
+    /// Right image: a PNG or JPEG file.
+    pub right: Option<Bytes>,
+    /// Options: a JSON object.
+    pub options: Option<Bytes>,
+}
+
+/// The message that says the same as the form.
+///
+/// # Errors
+/// [`ServiceError::Invalid`] naming the image that is no PNG or JPEG file, or the option that is unknown or of another
+/// type; [`ServiceError::TooLarge`] as [`decode::inspect`].
+pub fn request_from_form(parts: FormParts) -> Result<v1::StereoRequest, ServiceError> {
+    let left = parts.left.map(|file| image(Side::Left, file)).transpose()?;
+    let right = parts.right.map(|file| image(Side::Right, file)).transpose()?;
+    let mut request = match parts.options {
+        None => v1::StereoRequest::default(),
+        Some(json) => options_from_json(&json)?,
+    };
+    request.left = left;
+    request.right = right;
+    Ok(request)
+}
+
+fn image(side: Side, file: Bytes) -> Result<v1::Image, ServiceError> {
+    let encoding = match decode::inspect(side, &file)?.0 {
+        ImageEncoding::Jpeg => v1::ImageEncoding::Jpeg,
+        ImageEncoding::Png | ImageEncoding::Raw(_) => v1::ImageEncoding::Png,
+    };
+    Ok(v1::Image {
+        encoding: encoding.into(),
+        data: file,
+        ..v1::Image::default()
+    })
+}
+
+/// The options part: everything of a request but its images.
+#[derive(Deserialize, Default)]
+#[serde(deny_unknown_fields, default)]
+struct FormOptions {
+    latency_budget_ms: Option<f64>,
+    max_iterations: Option<f64>,
+    preset: Option<String>,
+    min_confidence: Option<f64>,
+    num_disparities: Option<f64>,
+    min_disparity: Option<f64>,
+    density: Option<String>,
+    roi: Option<Object<FormRegion>>,
+    priority_class: Option<String>,
+    outputs: Option<Vec<String>>,
+    disparity_encoding: Option<String>,
+    compression: Option<String>,
+    allow_downscale: Option<bool>,
+    mesh: Option<Object<FormMesh>>,
+    colors: Option<bool>,
+    calibration: Option<Object<FormCalibration>>,
+    request_id: Option<String>,
+    camera_id: Option<String>,
+    sequence: Option<u64>,
+    capture_time: Option<String>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct FormRegion {
+    x: f64,
+    y: f64,
+    width: f64,
+    height: f64,
+}
+
+#[derive(Deserialize, Default)]
+#[serde(deny_unknown_fields, default)]
+struct FormMesh {
+    keep_rejected: Option<bool>,
+    max_disparity_step_px: Option<f64>,
+    min_valid_share: Option<f64>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct FormCalibration {
+    focal_px: f64,
+    cx_px: f64,
+    cy_px: f64,
+    baseline_m: f64,
+    #[serde(default)]
+    doffs_px: f64,
+}
+
+fn options_from_json(json: &[u8]) -> Result<v1::StereoRequest, ServiceError> {
+    if json.trim_ascii().is_empty() {
+        return Err(ServiceError::Invalid(
+            "the options part is empty: leave it out, or send a JSON object such as {\"latency_budget_ms\": 80}".into(),
+        ));
+    }
+    let mut reader = serde_json::Deserializer::from_slice(json);
+    let parsed: Result<Object<FormOptions>, _> = serde_path_to_error::deserialize(&mut reader);
+    let Object(form) = parsed.map_err(|why| match why.path().to_string().as_str() {
+        "." => ServiceError::Invalid(format!("the options are not valid JSON options: {}", why.inner())),
+        path => ServiceError::Invalid(format!(
+            "{path} is not valid in the JSON options: {}",
+            why.inner()
+        )),
+    })?;
+    reader
+        .end()
+        .map_err(|why| ServiceError::Invalid(format!("the options must be one JSON object: {why}")))?;
+    form.into_request()
+}
+
+impl FormOptions {
+    fn into_request(self) -> Result<v1::StereoRequest, ServiceError> {
+        let latency_budget = self
+            .latency_budget_ms
+            .map(|ms| budget::from_ms("latency_budget_ms", ms))
+            .transpose()?;
+        let options = v1::Options {
+            latency_budget: latency_budget.and_then(|budget| budget.try_into().ok()),
+            max_iterations: self
+                .max_iterations
+                .map(|got| whole(&MAX_ITERATIONS, got))
+                .transpose()?,
+            preset: choice(&PRESET, self.preset, v1::Preset::from_str_name)?,
+            min_confidence: self.min_confidence.map(narrow),
+            num_disparities: self
+                .num_disparities
+                .map(|got| whole(&NUM_DISPARITIES, got))
+                .transpose()?,
+            min_disparity: self
+                .min_disparity
+                .map(|got| whole(&MIN_DISPARITY, got))
+                .transpose()?,
+            density: choice(&DENSITY, self.density, v1::Density::from_str_name)?,
+            roi: self.roi.map(|Object(roi)| roi.into_proto()).transpose()?,
+            priority_class: choice(
+                &PRIORITY_CLASS,
+                self.priority_class,
+                v1::PriorityClass::from_str_name,
+            )?,
+            outputs: self
+                .outputs
+                .into_iter()
+                .flatten()
+                .map(|name| choice(&OUTPUTS, Some(name), v1::Output::from_str_name))
+                .collect::<Result<_, _>>()?,
+            disparity_encoding: choice(
+                &DISPARITY_ENCODING,
+                self.disparity_encoding,
+                v1::DisparityEncoding::from_str_name,
+            )?,
+            compression: choice(&COMPRESSION, self.compression, v1::Compression::from_str_name)?,
+            allow_downscale: self.allow_downscale,
+            mesh: self.mesh.map(|Object(mesh)| v1::MeshOptions {
+                keep_rejected: mesh.keep_rejected,
+                max_disparity_step_px: mesh.max_disparity_step_px.map(narrow),
+                min_valid_share: mesh.min_valid_share.map(narrow),
+            }),
+            colors: self.colors,
+        };
+        Ok(v1::StereoRequest {
+            request_id: self.request_id.unwrap_or_default(),
+            camera_id: self.camera_id.unwrap_or_default(),
+            sequence: self.sequence,
+            capture_time: self.capture_time.map(|text| capture_time(&text)).transpose()?,
+            left: None,
+            right: None,
+            calibration: self
+                .calibration
+                .map(|Object(calibration)| calibration.into_proto()),
+            options: Some(options),
+        })
+    }
+}
+
+impl FormRegion {
+    fn into_proto(self) -> Result<v1::Region, ServiceError> {
+        let px = |name: &str, got: f64| {
+            let refuse = || {
+                ServiceError::Invalid(format!(
+                    "roi.{name} must be a whole number of pixels, 0 or more, got {got}"
+                ))
+            };
+            #[expect(
+                clippy::cast_possible_truncation,
+                clippy::cast_sign_loss,
+                reason = "used only if it is in range"
+            )]
+            (got % 1.0 == 0.0 && (0.0..=f64::from(u32::MAX)).contains(&got))
+                .then_some(got as u32)
+                .ok_or_else(refuse)
+        };
+        Ok(v1::Region {
+            x: px("x", self.x)?,
+            y: px("y", self.y)?,
+            width: px("width", self.width)?,
+            height: px("height", self.height)?,
+        })
+    }
+}
+
+impl FormCalibration {
+    fn into_proto(self) -> v1::Calibration {
+        let Self {
+            focal_px,
+            cx_px,
+            cy_px,
+            baseline_m,
+            doffs_px,
+        } = self;
+        v1::Calibration {
+            focal_px,
+            cx_px,
+            cy_px,
+            baseline_m,
+            doffs_px,
+        }
+    }
+}
+
+/// A number of the range as the message's integer.
+fn whole<T: From<u16>>(range: &Range, got: f64) -> Result<T, ServiceError> {
+    range.check_u16(got).map(T::from)
+}
+
+/// The message's floats; a number too large becomes infinite and is refused by its range.
+#[expect(
+    clippy::cast_possible_truncation,
+    reason = "rounding to the nearest f32 is what is wanted"
+)]
+fn narrow(got: f64) -> f32 {
+    got as f32
+}
+
+fn capture_time(text: &str) -> Result<Timestamp, ServiceError> {
+    text.parse().map_err(|_| {
+        let start: String = text.chars().take(40).collect();
+        ServiceError::Invalid(format!(
+            "capture_time must be a time in RFC 3339 such as 2026-01-31T12:00:00.25Z, got {start:?}"
+        ))
+    })
+}
+
+#[cfg(test)]
+mod tests;

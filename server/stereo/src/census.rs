@@ -1,0 +1,158 @@
+//! Census transform (Zabih and Woodfill 1994) as byte planes.
+//!
+//! Every pixel is described by the signs of comparisons with some neighbours: bit = neighbour brighter than centre. Eight
+//! comparisons make a byte, and each byte has a plane of its own, so that matching, validation and propagation are all
+//! plain loops over bytes. The right view's planes are stored mirrored: the pixel at column `x` is at `width - 1 - x`, so
+//! that candidates of growing disparity, `x - d`, lie one after another.
+
+use crate::plane::{MARGIN_X, Plane};
+
+/// Eight neighbours (dx, dy) of one byte.
+type Neighbours = [(i8, i8); 8];
+
+/// Which neighbours are compared.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Pattern {
+    /// 16 comparisons, sparse over 9x7 px, point symmetric.
+    Sparse9x7,
+    /// All 24 neighbours of the 5x5 window (paper, section III-C).
+    Full5x5,
+}
+
+const SPARSE_9X7: [Neighbours; 2] = [
+    [(1, 0), (-1, 0), (4, 0), (-4, 0), (0, 1), (0, -1), (0, 3), (0, -3)],
+    [
+        (2, 2),
+        (-2, -2),
+        (2, -2),
+        (-2, 2),
+        (4, 2),
+        (-4, -2),
+        (4, -2),
+        (-4, 2),
+    ],
+];
+
+const FULL_5X5: [Neighbours; 3] = [
+    [
+        (-2, -2),
+        (-1, -2),
+        (0, -2),
+        (1, -2),
+        (2, -2),
+        (-2, -1),
+        (-1, -1),
+        (0, -1),
+    ],
+    [
+        (1, -1),
+        (2, -1),
+        (-2, 0),
+        (-1, 0),
+        (1, 0),
+        (2, 0),
+        (-2, 1),
+        (-1, 1),
+    ],
+    [(0, 1), (1, 1), (2, 1), (-2, 2), (-1, 2), (0, 2), (1, 2), (2, 2)],
+];
+
+impl Pattern {
+    pub(crate) fn planes(self) -> &'static [Neighbours] {
+        match self {
+            Self::Sparse9x7 => &SPARSE_9X7,
+            Self::Full5x5 => &FULL_5X5,
+        }
+    }
+
+    /// Comparisons a pixel.
+    pub(crate) fn bits(self) -> usize {
+        8 * self.planes().len()
+    }
+}
+
+/// Stands for what lies outside the image: with as many ones as zeros, half of the bits differ from a word on average.
+const OUTSIDE: u8 = 0x0F;
+
+/// The codes of one view.
+#[derive(Debug, Default)]
+pub(crate) struct Census {
+    planes: Vec<Plane>,
+    mirrored: bool,
+    scratch: Vec<u8>,
+}
+
+impl Census {
+    /// Room for `image`'s codes.
+    pub(crate) fn reshape(&mut self, pattern: Pattern, image: &Plane, mirrored: bool) {
+        self.mirrored = mirrored;
+        let (left, right) = (
+            image.margin_left(),
+            image.stride() - image.margin_left() - image.width(),
+        );
+        let (left, right) = if mirrored { (right, left) } else { (left, right) };
+        self.planes.resize_with(pattern.planes().len(), Plane::default);
+        for plane in &mut self.planes {
+            plane.reshape(image.width(), image.height(), left, right);
+            plane.fill(OUTSIDE);
+        }
+        self.scratch.resize(image.stride(), 0);
+    }
+
+    /// All codes of `image`; `inside` are the columns of its rows (margins counted) that exist in the view.
+    pub(crate) fn compute(&mut self, pattern: Pattern, image: &Plane, inside: std::ops::Range<usize>) {
+        let stride = image.stride();
+        let columns = inside.start.max(MARGIN_X / 2)..inside.end.min(stride - MARGIN_X / 2);
+        if columns.is_empty() {
+            return;
+        }
+        for (plane, neighbours) in self.planes.iter_mut().zip(pattern.planes()) {
+            for y in 0..image.height() {
+                let codes = &mut self.scratch[columns.clone()];
+                census_row(image, y, columns.clone(), neighbours, codes);
+                let row = plane.row_mut(y);
+                if self.mirrored {
+                    let target = &mut row[stride - columns.end..stride - columns.start];
+                    for (to, from) in target.iter_mut().rev().zip(codes.iter()) {
+                        *to = *from;
+                    }
+                } else {
+                    row[columns.clone()].copy_from_slice(codes);
+                }
+            }
+        }
+    }
+
+    /// The planes, each of the same shape.
+    pub(crate) fn planes(&self) -> &[Plane] {
+        &self.planes
+    }
+
+    /// Where column `x` of the view is within a row.
+    pub(crate) fn index(&self, x: usize) -> usize {
+        let plane = &self.planes[0];
+        plane.margin_left() + if self.mirrored { plane.width() - 1 - x } else { x }
+    }
+}
+
+/// One byte of codes for the columns `columns` of row `y`.
+fn census_row(
+    image: &Plane,
+    y: usize,
+    columns: std::ops::Range<usize>,
+    neighbours: &Neighbours,
+    codes: &mut [u8],
+) {
+    let centre = &image.row(y, 0)[columns.clone()];
+    let others = neighbours.map(|(dx, dy)| {
+        let from = columns.start.wrapping_add_signed(isize::from(dx));
+        &image.row(y, dy)[from..from + columns.len()]
+    });
+    for (i, code) in codes.iter_mut().enumerate() {
+        let bit = |k: usize| u8::from(others[k][i] > centre[i]) << k;
+        *code = bit(0) | bit(1) | bit(2) | bit(3) | bit(4) | bit(5) | bit(6) | bit(7);
+    }
+}
+
+#[cfg(test)]
+mod tests;

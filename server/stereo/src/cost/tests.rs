@@ -1,0 +1,150 @@
+use proptest::prelude::*;
+
+use super::{Best, COST_OF_ALL_BITS, Evaluation, Scratch, Window};
+use crate::census::Pattern;
+use crate::scene::{Image, Noise, Views, code};
+
+const PATTERN: Pattern = Pattern::Sparse9x7;
+
+/// D_f and C_f of a whole window.
+#[derive(Debug, Clone, PartialEq)]
+struct Maps {
+    disparity: Vec<u16>,
+    cost: Vec<u8>,
+}
+
+impl Maps {
+    /// Updates in bands of `rows`.
+    fn update(&mut self, evaluation: &Evaluation<'_>, rows: usize, scratch: &mut Scratch) {
+        let band = rows * evaluation.width;
+        let bands = self.disparity.chunks_mut(band).zip(self.cost.chunks_mut(band));
+        for (k, (disparity, cost)) in bands.enumerate() {
+            evaluation.update(k * rows, &mut Best { disparity, cost }, scratch);
+        }
+    }
+}
+
+/// The sum over the window of the differing bits, each pixel at its own candidate moved by `step`.
+fn differing_bits(evaluation: &Evaluation<'_>, at: (usize, usize), step: isize) -> u32 {
+    let radius: isize = if evaluation.window == Window::Side5 { 2 } else { 3 };
+    let clamp = |at: usize, by: isize, n: usize| at.saturating_add_signed(by).min(n - 1);
+    let mut sum = 0;
+    for (dx, dy) in (-radius..=radius).flat_map(|dx| (-radius..=radius).map(move |dy| (dx, dy))) {
+        let (x, y) = (
+            clamp(at.0, dx, evaluation.width),
+            clamp(at.1, dy, evaluation.height),
+        );
+        let candidate = f64::from(evaluation.candidates[y * evaluation.width + x]) / 64.0;
+        #[expect(clippy::cast_possible_truncation, reason = "below 1024")]
+        let d = (candidate + 0.5).floor() as isize + step;
+        for plane in 0..PATTERN.planes().len() {
+            let left = code(evaluation.left, plane, false, x.cast_signed(), (y, 0));
+            let right = code(evaluation.right, plane, true, x.cast_signed() - d, (y, 0));
+            sum += (left ^ right).count_ones();
+        }
+    }
+    sum
+}
+
+fn expected(evaluation: &Evaluation<'_>, before: &Maps) -> Maps {
+    let mut maps = before.clone();
+    for at in 0..maps.cost.len() {
+        let pixel = (at % evaluation.width, at / evaluation.width);
+        let own = evaluation.candidates[at];
+        // Of equals the candidate itself, then the smaller one.
+        let tested = [(0, own), (-1, own.saturating_sub(64)), (1, own + 64)];
+        let costs = tested.map(|(step, disparity)| (differing_bits(evaluation, pixel, step), disparity));
+        let (bits, disparity) = costs.into_iter().min_by_key(|(bits, _)| *bits).unwrap();
+        let cost = match evaluation.window {
+            Window::Side5 => bits * 5 / 8,
+            Window::Side7 => bits * 41 / 128,
+        };
+        if cost < u32::from(before.cost[at]) {
+            (maps.disparity[at], maps.cost[at]) = (disparity, u8::try_from(cost).unwrap());
+        }
+    }
+    maps
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 40, failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn an_update_keeps_the_best_of_three_and_of_before_in_one_go_and_in_bands(
+        (width, height, rows) in (32usize..=100, 32usize..44, 1usize..44),
+        (is_large, levels) in (any::<bool>(), prop_oneof![Just(2usize), Just(256)]),
+        sixteenths in 1usize..=16,
+        // Neighbours may differ by this much.
+        spread in prop_oneof![Just(1usize), Just(100), Just(20_000)],
+        (costs_before, seed) in (prop_oneof![Just(120usize), Just(256)], any::<u64>()),
+    ) {
+        let mut noise = Noise::new(seed);
+        let disparities = 16 * sixteenths;
+        let left = Image::noise(&mut noise, width, height, levels);
+        let right = left.seen_from_the_right(|_, _| 9);
+        let codes = Views::of(PATTERN, [&left, &right], disparities);
+        let most = (disparities - 1) * 64 + 1;
+        let lowest = noise.below(most);
+        let candidates: Vec<u16> = (0..width * height)
+            .map(|_| u16::try_from(lowest + noise.below(spread.min(most - lowest))).unwrap())
+            .collect();
+        let window = if is_large { Window::Side7 } else { Window::Side5 };
+        let evaluation = Evaluation { left: &codes.left, right: &codes.right, candidates: &candidates, width, height, window };
+        let before = Maps {
+            disparity: noise.words(width * height, most),
+            cost: noise.bytes(width * height, costs_before),
+        };
+        let expected = expected(&evaluation, &before);
+        let mut scratch = Scratch::default();
+        for rows in [height, rows] {
+            let mut maps = before.clone();
+            maps.update(&evaluation, rows, &mut scratch);
+            prop_assert!(maps == expected, "in bands of {}", rows);
+        }
+    }
+}
+
+#[test]
+fn the_true_disparity_costs_nothing_and_replaces_what_costs_more() {
+    let left = Image::noise(&mut Noise::new(8), 80, 40, 256);
+    let right = left.seen_from_the_right(|_, _| 12);
+    let codes = Views::of(PATTERN, [&left, &right], 32);
+    for (candidate, found) in [
+        (12 * 64 + 20, 12 * 64 + 20),
+        (11 * 64, 12 * 64),
+        (13 * 64, 12 * 64),
+        (20 * 64, 7),
+    ] {
+        for window in [Window::Side5, Window::Side7] {
+            let candidates = vec![candidate; 80 * 40];
+            let evaluation = Evaluation {
+                left: &codes.left,
+                right: &codes.right,
+                candidates: &candidates,
+                width: 80,
+                height: 40,
+                window,
+            };
+            let mut maps = Maps {
+                disparity: vec![7; 80 * 40],
+                cost: vec![30; 80 * 40],
+            };
+            maps.update(&evaluation, 40, &mut Scratch::default());
+            let at = 20 * 80 + 40;
+            assert_eq!(
+                (maps.disparity[at], maps.cost[at]),
+                (found, if found == 7 { 30 } else { 0 })
+            );
+        }
+    }
+}
+
+#[test]
+fn differing_bits_cost_about_250_of_all_whatever_the_window() {
+    for window in [Window::Side5, Window::Side7] {
+        let side = 2 * window.radius() + 1;
+        let (factor, shift) = window.scale();
+        let all = u16::try_from(side * side * PATTERN.bits()).unwrap();
+        assert!(((all * factor) >> shift).abs_diff(u16::from(COST_OF_ALL_BITS)) <= 1);
+    }
+}

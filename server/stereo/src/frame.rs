@@ -1,0 +1,403 @@
+//! The working state of one frame, and the stages that lead from one rung to the next.
+
+use std::sync::Mutex;
+
+use crate::census::Census;
+use crate::cost::{Best, Evaluation, Scratch};
+use crate::disparity::{DisparityMap, FIXED_PER_PX};
+use crate::epipolar::Views;
+use crate::fork_join::ForkJoin;
+use crate::gradient::Gradient;
+use crate::image::{Roi, Shape, StereoPair};
+use crate::interpolate;
+use crate::ladder::{Detector, Recipe, Rung, Work};
+use crate::mesh::{Mesh, MeshParams};
+use crate::paper::{Iteration, Occupancy};
+use crate::params::Params;
+use crate::plane::{MARGIN_X, Plane};
+use crate::propagate::{self, From};
+use crate::publish::{self, Published};
+use crate::support::{self, Buckets, Candidate, Support, Unexplained};
+use crate::triangulation::Triangulation;
+use crate::{fast, output_mesh};
+
+/// Where the way to a rung goes on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Stage {
+    /// Choose the pixels to search for, or start whatever else leads to the rung.
+    Choose,
+    /// Search candidate `next` and the following ones.
+    Search { next: usize },
+    /// Insert matched support `next` and the following ones into the mesh.
+    Insert { next: usize },
+    /// Rasterise the triangles that changed.
+    Interpolate,
+    /// Make the candidates of propagation pass `pass`.
+    Propagate { pass: usize },
+    /// Evaluate costs from row `row` on.
+    Evaluate { row: usize, pass: usize },
+}
+
+/// Candidates searched in one step.
+const SEARCHES_A_STEP: usize = 256;
+/// Vertices inserted in one step.
+const INSERTIONS_A_STEP: usize = 512;
+/// Pixels evaluated in one step.
+const PIXELS_A_STEP: usize = 65_536;
+/// Propagation passes of a rung.
+const PASSES: [From; 4] = [From::Left, From::Right, From::Above, From::Below];
+/// Context around a region of interest, px: supports there shape the mesh within.
+const CONTEXT_PX: usize = 32;
+
+/// All scratch of a matcher. Positions are relative to the window, disparities to the smallest one searched.
+#[derive(Debug, Default)]
+pub(crate) struct Frame {
+    /// The part of the image that is worked on.
+    window: Window,
+    left: Plane,
+    right: Plane,
+    left_census: Census,
+    right_census: Census,
+    gradient: Gradient,
+    candidates: Vec<Candidate>,
+    /// Matched in this iteration; then moved to `supports`.
+    fresh: Vec<Support>,
+    supports: Vec<Support>,
+    buckets: Buckets,
+    triangulation: Triangulation,
+    /// Vertices the mesh had when it was last rasterised.
+    rasterised_vertices: usize,
+    occupancy: Occupancy,
+    /// D_it: the mesh's planes.
+    interpolated: Vec<u16>,
+    /// What propagation tries.
+    proposed: Vec<u16>,
+    /// D_f and C_f.
+    disparity: Vec<u16>,
+    cost: Vec<u8>,
+    scratch: Vec<Mutex<Scratch>>,
+}
+
+/// The window within the image, and the disparities searched in it.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Window {
+    pub(crate) roi: Roi,
+    pub(crate) min_disparity_px: usize,
+    pub(crate) disparities: usize,
+}
+
+impl Default for Window {
+    fn default() -> Self {
+        Self {
+            roi: Roi {
+                x: 0,
+                y: 0,
+                width: 0,
+                height: 0,
+            },
+            min_disparity_px: 0,
+            disparities: 0,
+        }
+    }
+}
+
+impl Window {
+    /// The region of interest with its context, at least as large as the smallest image.
+    fn of(shape: Shape, params: &Params) -> Self {
+        let roi = params.roi.unwrap_or(Roi::full(shape));
+        let extend = |from: usize, length: usize, n: usize| {
+            let first = from.saturating_sub(CONTEXT_PX);
+            (first, (from + length + CONTEXT_PX).min(n) - first)
+        };
+        let (x, width) = extend(roi.x, roi.width, shape.width_px());
+        let (y, height) = extend(roi.y, roi.height, shape.height_px());
+        Self {
+            roi: Roi { x, y, width, height },
+            min_disparity_px: usize::from(params.range.min_px),
+            disparities: usize::from(params.range.count),
+        }
+    }
+
+    /// Largest relative disparity in 1/64 px.
+    fn max_fixed(&self) -> u16 {
+        u16::try_from((self.disparities - 1) * usize::from(FIXED_PER_PX)).unwrap_or(u16::MAX)
+    }
+}
+
+impl Frame {
+    /// Room for images of `shape`.
+    pub(crate) fn reshape(&mut self, shape: Shape, params: &Params, recipe: &Recipe) {
+        self.window = Window::of(shape, params);
+        let Roi { width, height, .. } = self.window.roi;
+        self.left
+            .reshape(width, height, MARGIN_X, self.window.disparities + MARGIN_X);
+        self.right
+            .reshape(width, height, self.window.disparities + MARGIN_X, MARGIN_X);
+        self.left_census.reshape(recipe.pattern, &self.left, false);
+        self.right_census.reshape(recipe.pattern, &self.right, true);
+        self.gradient.reshape(width, height);
+        self.buckets.reshape(width, height);
+        for map in [&mut self.interpolated, &mut self.proposed, &mut self.disparity] {
+            map.resize(width * height, 0);
+        }
+        self.cost.resize(width * height, 0);
+    }
+
+    /// Takes in a pair and forgets the one before.
+    pub(crate) fn begin(&mut self, pair: StereoPair<'_>, recipe: &Recipe) {
+        let Window {
+            roi,
+            min_disparity_px,
+            disparities,
+        } = self.window;
+        let image_width = pair.left().width_px();
+        let left_of_window = isize::try_from(roi.x).unwrap_or(isize::MAX);
+        self.left.copy_from(&pair.left(), left_of_window, roi.y);
+        self.right.copy_from(
+            &pair.right(),
+            left_of_window.saturating_sub_unsigned(min_disparity_px),
+            roi.y,
+        );
+        self.gradient.compute(&self.left);
+        // Columns of the padded rows that show real pixels.
+        let stride = self.left.stride();
+        let from = MARGIN_X.saturating_sub(roi.x);
+        self.left_census.compute(
+            recipe.pattern,
+            &self.left,
+            from..(image_width - roi.x + MARGIN_X).min(stride),
+        );
+        let origin = disparities + MARGIN_X + min_disparity_px;
+        let columns = origin.saturating_sub(roi.x)..(image_width + origin - roi.x).min(self.right.stride());
+        self.right_census.compute(recipe.pattern, &self.right, columns);
+        self.supports.clear();
+        self.rasterised_vertices = 0;
+        self.cost.fill(u8::MAX);
+    }
+
+    fn width(&self) -> usize {
+        self.window.roi.width
+    }
+
+    fn height(&self) -> usize {
+        self.window.roi.height
+    }
+
+    /// Does the step `stage` of the way to `rung`; `None` when the rung is reached.
+    pub(crate) fn step(
+        &mut self,
+        stage: Stage,
+        rung: &Rung,
+        recipe: &Recipe,
+        join: &dyn ForkJoin,
+    ) -> Option<Stage> {
+        match stage {
+            Stage::Choose => Some(self.choose(rung, recipe)),
+            Stage::Search { next } => Some(self.search(next, recipe)),
+            Stage::Insert { next } => Some(self.insert(next)),
+            Stage::Interpolate => {
+                self.interpolate();
+                if let Work::Paper { occupancy_px } = rung.work {
+                    self.occupancy.reset(occupancy_px, self.width(), self.height());
+                }
+                Some(Stage::Evaluate { row: 0, pass: 0 })
+            }
+            Stage::Propagate { pass } => {
+                let width = self.width();
+                propagate::candidates(
+                    PASSES[pass],
+                    width,
+                    &self.disparity,
+                    &self.cost,
+                    &mut self.proposed,
+                );
+                // The evaluation may end one above what it tries: lent from pass to pass, that would leave the range.
+                let max_fixed = self.window.max_fixed();
+                for fixed in &mut self.proposed {
+                    *fixed = max_fixed.min(*fixed);
+                }
+                Some(Stage::Evaluate { row: 0, pass })
+            }
+            Stage::Evaluate { row, pass } => self.evaluate(row, pass, rung, recipe, join),
+        }
+    }
+
+    /// Fills `candidates`.
+    fn choose(&mut self, rung: &Rung, recipe: &Recipe) -> Stage {
+        let is_first = self.supports.is_empty() && self.rasterised_vertices == 0;
+        self.fresh.clear();
+        match rung.work {
+            Work::Propagate => return Stage::Propagate { pass: 0 },
+            Work::Mesh { cell_px } => {
+                let size = (self.width(), self.height());
+                let unexplained = Unexplained {
+                    cost: &self.cost,
+                    explained_up_to: recipe.confident_below,
+                };
+                let unexplained = (!is_first).then_some(unexplained);
+                support::strongest_per_cell(&self.gradient, size, cell_px, unexplained, &mut self.candidates);
+            }
+            Work::Paper { .. } if is_first => match recipe.detector {
+                Detector::FastInBins => fast::corners_in_bins(&self.left, &mut self.candidates),
+                Detector::StrongestPerCell => {}
+            },
+            Work::Paper { .. } => {
+                // SupportResampling: the confident pixels join as they are, the invalid ones are searched for.
+                self.candidates.clear();
+                self.candidates.extend(self.occupancy.invalid());
+                self.fresh.extend(self.occupancy.confident());
+            }
+        }
+        Stage::Search { next: 0 }
+    }
+
+    /// Searches some candidates; after the last one, drops what nothing supports.
+    fn search(&mut self, next: usize, recipe: &Recipe) -> Stage {
+        let views = Views {
+            pattern: recipe.pattern,
+            left: &self.left_census,
+            right: &self.right_census,
+            width: self.window.roi.width,
+            disparities: self.window.disparities,
+            columns_before: self.window.roi.x.cast_signed() - self.window.min_disparity_px.cast_signed(),
+        };
+        let end = (next + SEARCHES_A_STEP).min(self.candidates.len());
+        for &Candidate { x, y } in &self.candidates[next..end] {
+            if let Some(disparity_px) = recipe.search.disparity_px(&views, x, y) {
+                self.fresh.push(Support { x, y, disparity_px });
+            }
+        }
+        if end < self.candidates.len() {
+            return Stage::Search { next: end };
+        }
+        if let Some(consistency) = recipe.consistency {
+            consistency.retain(&mut self.fresh, &self.supports, &mut self.buckets);
+        }
+        Stage::Insert { next: 0 }
+    }
+
+    /// Brings matched supports into the mesh; the first ones all at once.
+    fn insert(&mut self, next: usize) -> Stage {
+        if self.rasterised_vertices == 0 {
+            let (width, height) = (self.width(), self.height());
+            self.triangulation.rebuild(&self.fresh, width, height);
+            self.supports.append(&mut self.fresh);
+            return Stage::Interpolate;
+        }
+        let end = (next + INSERTIONS_A_STEP).min(self.fresh.len());
+        self.triangulation.insert(&self.fresh[next..end]);
+        if end < self.fresh.len() {
+            return Stage::Insert { next: end };
+        }
+        self.supports.append(&mut self.fresh);
+        Stage::Interpolate
+    }
+
+    fn interpolate(&mut self) {
+        let (width, max_fixed) = (self.width(), self.window.max_fixed());
+        for triangle in self.triangulation.triangles_from(self.rasterised_vertices) {
+            interpolate::fill(&mut self.interpolated, width, &triangle.vertices, max_fixed);
+        }
+        self.rasterised_vertices = self.triangulation.vertices();
+    }
+
+    /// Evaluates a band of rows, split over the threads there are.
+    fn evaluate(
+        &mut self,
+        row: usize,
+        pass: usize,
+        rung: &Rung,
+        recipe: &Recipe,
+        join: &dyn ForkJoin,
+    ) -> Option<Stage> {
+        let (width, height) = (self.width(), self.height());
+        let end = (row + (PIXELS_A_STEP / width).max(16)).min(height);
+        let band = row * width..end * width;
+        let (disparity, cost) = (&mut self.disparity[band.clone()], &mut self.cost[band]);
+        match rung.work {
+            Work::Paper { .. } => {
+                let iteration = Iteration {
+                    left: &self.left_census,
+                    right_image: &self.right,
+                    mask: &self.gradient.mask,
+                    interpolated: &self.interpolated,
+                    width,
+                    confident_below: recipe.confident_below,
+                    invalid_above: recipe.valid_up_to,
+                };
+                iteration.refine(row..end, &mut Best { disparity, cost }, &mut self.occupancy);
+            }
+            Work::Mesh { .. } | Work::Propagate => {
+                let is_mesh = matches!(rung.work, Work::Mesh { .. });
+                let evaluation = Evaluation {
+                    left: &self.left_census,
+                    right: &self.right_census,
+                    candidates: if is_mesh {
+                        &self.interpolated
+                    } else {
+                        &self.proposed
+                    },
+                    width,
+                    height,
+                    window: rung.window,
+                };
+                let pieces = join.threads().clamp(1, end - row);
+                if self.scratch.len() < pieces {
+                    self.scratch.resize_with(pieces, Mutex::default);
+                }
+                let rows = (end - row).div_ceil(pieces);
+                let parts = disparity
+                    .chunks_mut(rows * width)
+                    .zip(cost.chunks_mut(rows * width));
+                let parts: Vec<_> = parts.map(|part| Mutex::new(Some(part))).collect();
+                join.run(parts.len(), &|piece| {
+                    let part = parts[piece].lock().ok().and_then(|mut part| part.take());
+                    if let (Some((disparity, cost)), Ok(mut scratch)) = (part, self.scratch[piece].lock()) {
+                        evaluation.update(row + piece * rows, &mut Best { disparity, cost }, &mut scratch);
+                    }
+                });
+            }
+        }
+        if end < height {
+            Some(Stage::Evaluate { row: end, pass })
+        } else if rung.work == Work::Propagate && pass + 1 < PASSES.len() {
+            Some(Stage::Propagate { pass: pass + 1 })
+        } else {
+            None
+        }
+    }
+
+    /// Writes the result so far to `out`.
+    pub(crate) fn publish(
+        &self,
+        shape: Shape,
+        params: &Params,
+        recipe: &Recipe,
+        out: &mut DisparityMap,
+    ) -> Published {
+        let maps = publish::Maps {
+            window: self.window,
+            mask: &self.gradient.mask,
+            interpolated: &self.interpolated,
+            disparity: &self.disparity,
+            cost: &self.cost,
+        };
+        publish::publish(&maps, shape, params, recipe, out)
+    }
+
+    /// Writes the mesh to `out`, in the image's pixels and disparities.
+    pub(crate) fn write_mesh(&self, params: &MeshParams, recipe: &Recipe, out: &mut Mesh) {
+        let validated = output_mesh::Validated {
+            window: self.window,
+            mask: &self.gradient.mask,
+            interpolated: &self.interpolated,
+            disparity: &self.disparity,
+            cost: &self.cost,
+            valid_up_to: recipe.valid_up_to,
+        };
+        output_mesh::write(&self.triangulation, &validated, params, out);
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,170 @@
+//! What each preset does, as data: how supports are found and matched, and the rungs in order.
+//!
+//! A rung is a publishable result. The paper's `n_iters` is the number of rungs a caller lets run.
+
+use crate::census::Pattern;
+use crate::confidence::Curve;
+use crate::cost::Window;
+use crate::epipolar::{QUINCUNX, Search, WINDOW_5X5};
+use crate::params::Preset;
+use crate::support::Consistency;
+
+/// How the pixels that become support points are chosen.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Detector {
+    /// The strongest horizontal gradient of each cell.
+    StrongestPerCell,
+    /// FAST corners, the best of each bin of a 12x10 grid (paper, section III-A).
+    FastInBins,
+}
+
+/// What is done to get to a rung.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Work {
+    /// One iteration of ours: search the strongest (from the second on: the strongest badly explained) pixel of each
+    /// cell, insert it into the mesh, validate what changed.
+    Mesh {
+        /// Side of a cell in px.
+        cell_px: usize,
+    },
+    /// Badly explained pixels try their neighbours' disparities.
+    Propagate,
+    /// One iteration of the paper: validate the mesh, keeping for the next iteration the best (C_g) and worst (C_b) pixel
+    /// of each cell of the occupancy grid.
+    Paper {
+        /// Side of an occupancy cell in px (the paper's sz_occ).
+        occupancy_px: usize,
+    },
+}
+
+/// A rung and the way to it.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Rung {
+    pub(crate) name: &'static str,
+    pub(crate) work: Work,
+    /// Window of the cost evaluation.
+    pub(crate) window: Window,
+}
+
+/// All constants of a preset.
+#[derive(Debug)]
+pub(crate) struct Recipe {
+    pub(crate) pattern: Pattern,
+    pub(crate) detector: Detector,
+    pub(crate) search: Search,
+    pub(crate) consistency: Option<Consistency>,
+    /// Costs (of 250) up to this validate a disparity (the paper's t_hi).
+    pub(crate) valid_up_to: u8,
+    /// Costs (of 250) below this make a pixel confident (the paper's t_lo).
+    pub(crate) confident_below: u8,
+    /// Cost of half the full confidence: the border of the confident subset.
+    pub(crate) half_confidence_at: u8,
+    /// Probability of being right within 3 px over the cost, as measured on KITTI 2012.
+    pub(crate) probability: Curve,
+    pub(crate) rungs: &'static [Rung],
+}
+
+const fn mesh(name: &'static str, cell_px: usize) -> Rung {
+    Rung {
+        name,
+        work: Work::Mesh { cell_px },
+        window: Window::Side5,
+    }
+}
+
+const fn paper(name: &'static str, occupancy_px: usize) -> Rung {
+    Rung {
+        name,
+        work: Work::Paper { occupancy_px },
+        window: Window::Side5,
+    }
+}
+
+static DEFAULT: Recipe = Recipe {
+    pattern: Pattern::Sparse9x7,
+    detector: Detector::StrongestPerCell,
+    search: Search {
+        taps: QUINCUNX,
+        max_cost: 0.35,
+        uniqueness: 0.72,
+        left_right_px: 1,
+        subpixel: true,
+    },
+    consistency: Some(Consistency {
+        radius_px: 60,
+        tolerance_px: 5.0,
+        supporters: 2,
+    }),
+    valid_up_to: 125,
+    confident_below: 62,
+    half_confidence_at: 75,
+    probability: &[
+        (0, 0.965),
+        (30, 0.955),
+        (40, 0.92),
+        (56, 0.85),
+        (75, 0.7),
+        (90, 0.45),
+        (105, 0.25),
+        (125, 0.2),
+    ],
+    rungs: &[
+        mesh("mesh-16", 16),
+        mesh("mesh-8", 8),
+        mesh("mesh-4", 4),
+        Rung {
+            name: "propagate",
+            work: Work::Propagate,
+            window: Window::Side7,
+        },
+    ],
+};
+
+static PAPER: Recipe = Recipe {
+    pattern: Pattern::Full5x5,
+    detector: Detector::FastInBins,
+    search: Search {
+        taps: WINDOW_5X5,
+        max_cost: 0.35,
+        uniqueness: 0.7,
+        left_right_px: 1,
+        subpixel: false,
+    },
+    consistency: None,
+    valid_up_to: 125,
+    confident_below: 42,
+    half_confidence_at: 75,
+    probability: &[
+        (0, 0.965),
+        (30, 0.955),
+        (40, 0.92),
+        (56, 0.85),
+        (75, 0.7),
+        (90, 0.45),
+        (105, 0.25),
+        (125, 0.2),
+    ],
+    rungs: &[
+        paper("grid-32", 32),
+        paper("grid-16", 16),
+        paper("grid-8", 8),
+        paper("grid-4", 4),
+        paper("grid-2", 2),
+        paper("grid-1", 1),
+    ],
+};
+
+impl Recipe {
+    pub(crate) fn of(preset: Preset) -> &'static Self {
+        match preset {
+            Preset::Default => &DEFAULT,
+            Preset::Paper => &PAPER,
+        }
+    }
+}
+
+/// Names of a preset's rungs, in order; the first is what `base` publishes. At most 8.
+#[must_use]
+pub fn rung_names(preset: Preset) -> Vec<&'static str> {
+    Recipe::of(preset).rungs.iter().map(|rung| rung.name).collect()
+}

@@ -1,0 +1,191 @@
+//! The matcher: a base result, then bounded steps that improve it, as long as the caller likes.
+//!
+//! ```text
+//! base:    gradient, census of both views
+//!          walk to the first rung
+//! refine:  one step on the way to the next rung; at its end, publish
+//!
+//! the way to a rung (what of it applies is the ladder's business):
+//!     choose candidates -> search them along their epipolar lines -> insert them into the mesh
+//!     -> interpolate what changed -> evaluate costs, keep the better of old and new -> publish
+//! ```
+//! The caller may stop after any step: the output always holds the last finished rung.
+
+use crate::disparity::DisparityMap;
+use crate::error::{MatchError, ParamsError};
+use crate::fork_join::ForkJoin;
+use crate::frame::{Frame, Stage};
+use crate::image::{Shape, StereoPair};
+use crate::ladder::Recipe;
+use crate::mesh::{Mesh, MeshParams};
+use crate::params::Params;
+use crate::publish::Published;
+use crate::simd::Level;
+
+/// What is known about a published result.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Quality {
+    /// Rungs finished, the first included (1..).
+    pub rung: u8,
+    /// Share of the pixels asked for (the mask's, or all) that have a disparity, 0..=1.
+    pub density: f32,
+    /// Estimated share of the mask's pixels that are right within 3 px, 0..=1; never falls from rung to rung.
+    pub estimate: f32,
+}
+
+/// What a call achieved.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Progress {
+    /// A step towards the next rung is done; the output is untouched.
+    Working,
+    /// A rung was finished and written to the output.
+    Improved(Quality),
+    /// Nothing left worth doing; the output is final.
+    Converged(Quality),
+}
+
+/// Owns all scratch memory for one shape.
+#[derive(Debug)]
+pub struct Matcher {
+    level: Level,
+    shape: Shape,
+    params: Params,
+    recipe: &'static Recipe,
+    frame: Frame,
+    /// Rungs finished for the current pair; 0 before `base`.
+    rungs_done: usize,
+    stage: Stage,
+    quality: Quality,
+}
+
+const NOTHING_YET: Quality = Quality {
+    rung: 0,
+    density: 0.0,
+    estimate: 0.0,
+};
+
+impl Matcher {
+    /// A matcher for images of `shape`; allocates all scratch.
+    ///
+    /// # Errors
+    /// [`ParamsError`] if `params` don't validate.
+    pub fn new(level: Level, shape: Shape, params: Params) -> Result<Self, ParamsError> {
+        params.validate(shape)?;
+        let recipe = Recipe::of(params.preset);
+        let mut frame = Frame::default();
+        frame.reshape(shape, &params, recipe);
+        Ok(Self {
+            level,
+            shape,
+            params,
+            recipe,
+            frame,
+            rungs_done: 0,
+            stage: Stage::Choose,
+            quality: NOTHING_YET,
+        })
+    }
+
+    /// The same matcher for another shape or other parameters; allocates only what has to grow.
+    ///
+    /// # Errors
+    /// [`ParamsError`] if `params` don't validate; the matcher is then unchanged.
+    pub fn reconfigure(&mut self, shape: Shape, params: Params) -> Result<(), ParamsError> {
+        params.validate(shape)?;
+        self.recipe = Recipe::of(params.preset);
+        self.frame.reshape(shape, &params, self.recipe);
+        (self.shape, self.params) = (shape, params);
+        (self.rungs_done, self.quality) = (0, NOTHING_YET);
+        Ok(())
+    }
+
+    /// The shape it is made for.
+    #[must_use]
+    pub fn shape(&self) -> Shape {
+        self.shape
+    }
+
+    /// The parameters it is made for.
+    #[must_use]
+    pub fn params(&self) -> &Params {
+        &self.params
+    }
+
+    /// The instruction-set level its kernels run at.
+    #[must_use]
+    pub fn level(&self) -> Level {
+        self.level
+    }
+
+    /// A valid, publishable result for `pair`: the ladder's first rung. Forgets the previous frame.
+    ///
+    /// # Errors
+    /// [`MatchError::WrongShape`] if `pair` has another size than [`Self::shape`]; `out` is then untouched.
+    pub fn base(
+        &mut self,
+        pair: StereoPair<'_>,
+        out: &mut DisparityMap,
+        join: &dyn ForkJoin,
+    ) -> Result<Progress, MatchError> {
+        let got = (pair.left().width_px(), pair.left().height_px());
+        let expected = (self.shape.width_px(), self.shape.height_px());
+        if got != expected {
+            return Err(MatchError::WrongShape { expected, got });
+        }
+        (self.rungs_done, self.stage) = (0, Stage::Choose);
+        self.frame.begin(pair, self.recipe);
+        loop {
+            match self.step(out, join) {
+                Progress::Working => {}
+                done => return Ok(done),
+            }
+        }
+    }
+
+    /// One bounded step towards the next rung. `pair` is the one given to [`Self::base`]; without a `base` before, nothing
+    /// is done and the answer is `Converged`.
+    pub fn refine(&mut self, _pair: StereoPair<'_>, out: &mut DisparityMap, join: &dyn ForkJoin) -> Progress {
+        if self.rungs_done == 0 || self.rungs_done == self.recipe.rungs.len() {
+            return Progress::Converged(self.quality);
+        }
+        self.step(out, join)
+    }
+
+    /// Triangulates the current result into `mesh`; empty before `base`.
+    pub fn mesh(&mut self, params: &MeshParams, mesh: &mut Mesh) {
+        mesh.vertices.clear();
+        mesh.triangles.clear();
+        if self.rungs_done > 0 {
+            self.frame.write_mesh(params, self.recipe, mesh);
+        }
+    }
+
+    fn step(&mut self, out: &mut DisparityMap, join: &dyn ForkJoin) -> Progress {
+        let rung = &self.recipe.rungs[self.rungs_done];
+        match self.frame.step(self.stage, rung, self.recipe, join) {
+            Some(next) => {
+                self.stage = next;
+                Progress::Working
+            }
+            None => {
+                let published = self.frame.publish(self.shape, &self.params, self.recipe, out);
+                self.finish_rung(&published)
+            }
+        }
+    }
+
+    fn finish_rung(&mut self, published: &Published) -> Progress {
+        self.rungs_done += 1;
+        self.stage = Stage::Choose;
+        self.quality = Quality {
+            rung: u8::try_from(self.rungs_done).unwrap_or(u8::MAX),
+            density: published.density,
+            estimate: published.estimate,
+        };
+        if self.rungs_done == self.recipe.rungs.len() {
+            Progress::Converged(self.quality)
+        } else {
+            Progress::Improved(self.quality)
+        }
+    }
+}

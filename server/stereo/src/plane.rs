@@ -1,0 +1,91 @@
+//! A byte plane with margins, so that no kernel has a border branch.
+
+use crate::image::GrayView;
+
+/// Columns of margin that every plane has at least, on both sides: the reach of census (4), matching taps (4) and the
+/// one-pixel tests, together.
+pub(crate) const MARGIN_X: usize = 16;
+/// Rows of margin above and below.
+pub(crate) const MARGIN_Y: usize = 8;
+
+/// Rows of bytes; column 0 of row 0 lies `margin_left` columns and [`MARGIN_Y`] rows inside.
+#[derive(Debug, Default)]
+pub(crate) struct Plane {
+    data: Vec<u8>,
+    width: usize,
+    height: usize,
+    margin_left: usize,
+    stride: usize,
+}
+
+impl Plane {
+    /// Gives the plane its size and margins; contents are unspecified afterwards.
+    pub(crate) fn reshape(&mut self, width: usize, height: usize, margin_left: usize, margin_right: usize) {
+        self.width = width;
+        self.height = height;
+        self.margin_left = margin_left;
+        self.stride = margin_left + width + margin_right;
+        self.data.resize(self.stride * (height + 2 * MARGIN_Y), 0);
+    }
+
+    /// Columns, margins included.
+    pub(crate) fn stride(&self) -> usize {
+        self.stride
+    }
+
+    /// Rows, margins excluded.
+    pub(crate) fn height(&self) -> usize {
+        self.height
+    }
+
+    /// Columns, margins excluded.
+    pub(crate) fn width(&self) -> usize {
+        self.width
+    }
+
+    /// Where column 0 is within a row.
+    pub(crate) fn margin_left(&self) -> usize {
+        self.margin_left
+    }
+
+    /// Row `y - MARGIN_Y` with its margins; `y` counts from the topmost margin row.
+    fn padded_row(&self, y: usize) -> &[u8] {
+        &self.data[y * self.stride..][..self.stride]
+    }
+
+    /// Row `y + dy` with its margins, for `dy` within [`MARGIN_Y`].
+    pub(crate) fn row(&self, y: usize, dy: i8) -> &[u8] {
+        self.padded_row((y + MARGIN_Y).wrapping_add_signed(isize::from(dy)))
+    }
+
+    /// Row `y` with its margins, for writing.
+    pub(crate) fn row_mut(&mut self, y: usize) -> &mut [u8] {
+        &mut self.data[(y + MARGIN_Y) * self.stride..][..self.stride]
+    }
+
+    /// Sets every byte, margins included.
+    pub(crate) fn fill(&mut self, value: u8) {
+        self.data.fill(value);
+    }
+
+    /// Copies the pixels of `view` such that column 0, row 0 is the view's pixel (`left_px`, `top_px`); what lies outside
+    /// the view repeats its edge.
+    pub(crate) fn copy_from(&mut self, view: &GrayView<'_>, left_px: isize, top_px: usize) {
+        let (stride, margin_left) = (self.stride, self.margin_left);
+        let last_row = view.height_px() - 1;
+        for (y, row) in self.data.chunks_exact_mut(stride).enumerate() {
+            let source = view.row((y + top_px).saturating_sub(MARGIN_Y).min(last_row));
+            // First source column of this row, then how many columns lie left of the view, inside, and right of it.
+            let first = left_px.saturating_sub_unsigned(margin_left);
+            let before = first.min(0).unsigned_abs().min(stride);
+            let from = usize::try_from(first).unwrap_or(0).min(source.len());
+            let inside = (stride - before).min(source.len() - from);
+            row[..before].fill(source[0]);
+            row[before..before + inside].copy_from_slice(&source[from..from + inside]);
+            row[before + inside..].fill(source[source.len() - 1]);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

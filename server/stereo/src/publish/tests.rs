@@ -1,0 +1,150 @@
+use proptest::prelude::*;
+
+use super::{Maps, Published, publish};
+use crate::confidence;
+use crate::disparity::DisparityMap;
+use crate::frame::Window;
+use crate::image::{Roi, Shape};
+use crate::ladder::Recipe;
+use crate::params::{Density, DisparityRange, Params, Preset};
+use crate::scene::Noise;
+
+/// A window's maps.
+struct Scene {
+    shape: Shape,
+    window: Window,
+    mask: Vec<u8>,
+    interpolated: Vec<u16>,
+    disparity: Vec<u16>,
+    cost: Vec<u8>,
+}
+
+impl Scene {
+    fn new(noise: &mut Noise, shape: Shape, roi: Roi) -> Self {
+        let area = roi.width * roi.height;
+        Self {
+            shape,
+            window: Window {
+                roi,
+                min_disparity_px: 0,
+                disparities: 64,
+            },
+            mask: noise.bytes(area, 2),
+            interpolated: noise.words(area, 63 * 64),
+            disparity: noise.words(area, 63 * 64),
+            cost: noise.bytes(area, 256),
+        }
+    }
+
+    fn full(seed: u64) -> Self {
+        let shape = Shape::new(64, 40).unwrap();
+        Self::new(&mut Noise::new(seed), shape, Roi::full(shape))
+    }
+
+    fn publish(&self, params: &Params) -> (DisparityMap, Published) {
+        let maps = Maps {
+            window: self.window,
+            mask: &self.mask,
+            interpolated: &self.interpolated,
+            disparity: &self.disparity,
+            cost: &self.cost,
+        };
+        // What another frame has left behind.
+        let mut out = DisparityMap::new(self.shape);
+        out.parts_mut().0.fill(9);
+        out.parts_mut().1.fill(9);
+        let published = publish(&maps, self.shape, params, recipe(), &mut out);
+        (out, published)
+    }
+}
+
+fn recipe() -> &'static Recipe {
+    Recipe::of(Preset::Default)
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 64, failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn each_pixel_asked_for_gets_what_is_known_of_it_and_all_others_nothing(
+        (width, height) in (32usize..90, 32usize..60),
+        (x, y, roi_width, roi_height) in (0usize..16, 0usize..16, 1usize..16, 1usize..16),
+        (dense, with_roi) in (any::<bool>(), any::<bool>()),
+        (min_px, min_confidence) in (prop_oneof![Just(0u16), 1u16..=767], prop_oneof![Just(0.0f32), 0.0f32..=1.0]),
+        seed in any::<u64>(),
+    ) {
+        let shape = Shape::new(width, height).unwrap();
+        let asked = if with_roi { Roi { x, y, width: roi_width, height: roi_height } } else { Roi::full(shape) };
+        let context = Roi { x: asked.x / 2, y: asked.y / 2, width: width - asked.x / 2, height: height - asked.y / 2 };
+        let scene = Scene::new(&mut Noise::new(seed), shape, context);
+        let params = Params {
+            range: DisparityRange { min_px, count: 64 },
+            density: if dense { Density::Dense } else { Density::SemiDense },
+            min_confidence,
+            roi: with_roi.then_some(asked),
+            ..Params::default()
+        };
+        let (out, published) = scene.publish(&params);
+        let (mut wanted, mut given) = (0u16, 0u16);
+        for (at, (u, v)) in (0..shape.area_px()).map(|at| (at, (at % width, at / width))) {
+            let inside = (asked.x..asked.x + asked.width).contains(&u) && (asked.y..asked.y + asked.height).contains(&v);
+            let expected = if inside {
+                let here = (v - context.y) * context.width + u - context.x;
+                let sure = confidence::confidence(scene.cost[here], recipe().half_confidence_at, recipe().valid_up_to);
+                let is_valid = scene.cost[here] <= recipe().valid_up_to;
+                let is_wanted = dense || scene.mask[here] == 1;
+                let is_given = is_wanted && (dense || is_valid) && f32::from(sure) >= 255.0 * min_confidence;
+                wanted += u16::from(is_wanted);
+                given += u16::from(is_given);
+                let fixed = if is_valid { scene.disparity[here] } else { scene.interpolated[here] };
+                if is_given { ((fixed + 64 * min_px).max(1), sure) } else { (0, 0) }
+            } else {
+                (0, 0)
+            };
+            prop_assert_eq!((out.fixed()[at], out.confidence()[at]), expected, "at {}, {}", u, v);
+        }
+        prop_assert_eq!(published.density, if wanted == 0 { 0.0 } else { f32::from(given) / f32::from(wanted) });
+    }
+}
+
+#[test]
+fn the_estimate_is_the_masks_mean_probability_whatever_is_kept() {
+    let mut scene = Scene::full(7);
+    scene.mask.fill(0);
+    assert_eq!(scene.publish(&Params::default()).1.estimate, 0.0);
+    // Two pixels free of cost, one of cost 75, and one that is not valid.
+    for (at, cost) in [(3, 0), (900, 0), (901, 75), (2000, 126)] {
+        (scene.mask[at], scene.cost[at]) = (1, cost);
+    }
+    let probability = |cost| confidence::at(recipe().probability, cost);
+    let expected = (2.0 * probability(0) + probability(75)) / 4.0;
+    for density in [Density::SemiDense, Density::Dense] {
+        for min_confidence in [0.0, 0.9] {
+            let params = Params {
+                density,
+                min_confidence,
+                ..Params::default()
+            };
+            let estimate = scene.publish(&params).1.estimate;
+            assert!(
+                (estimate - expected).abs() < 1e-6,
+                "{estimate} instead of {expected}"
+            );
+        }
+    }
+}
+
+#[test]
+fn a_map_of_another_shape_takes_the_shape_of_the_result() {
+    let scene = Scene::full(3);
+    let maps = Maps {
+        window: scene.window,
+        mask: &scene.mask,
+        interpolated: &scene.interpolated,
+        disparity: &scene.disparity,
+        cost: &scene.cost,
+    };
+    let mut out = DisparityMap::new(Shape::new(33, 99).unwrap());
+    publish(&maps, scene.shape, &Params::default(), recipe(), &mut out);
+    assert_eq!(out, scene.publish(&Params::default()).0);
+}

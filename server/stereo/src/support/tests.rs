@@ -1,0 +1,120 @@
+use proptest::prelude::*;
+
+use super::{Buckets, Candidate, Consistency, Support, Unexplained, strongest_per_cell};
+use crate::gradient::Gradient;
+use crate::scene::{Image, Noise};
+
+fn gradient(noise: &mut Noise, width: usize, height: usize, strengths: usize) -> Gradient {
+    let mut gradient = Gradient::default();
+    gradient.reshape(width, height);
+    gradient.strength = noise.bytes(width * height, strengths);
+    gradient
+}
+
+/// Cell by cell, even rows of cells from left to right and odd ones back.
+fn expected(
+    strength: &[u8],
+    (width, height): (usize, usize),
+    cell_px: usize,
+    counts: impl Fn(usize) -> bool,
+    enough: usize,
+) -> Vec<Candidate> {
+    let mut found = Vec::new();
+    for row in 0..height.div_ceil(cell_px) {
+        let mut columns: Vec<usize> = (0..width.div_ceil(cell_px)).collect();
+        if row % 2 == 1 {
+            columns.reverse();
+        }
+        for column in columns {
+            let pixels =
+                (0..cell_px * cell_px).map(|k| (column * cell_px + k % cell_px, row * cell_px + k / cell_px));
+            let eligible: Vec<_> = pixels
+                .filter(|(x, y)| (4..width - 4).contains(x) && (4..height - 4).contains(y))
+                .filter(|(x, y)| strength[y * width + x] >= 4 && counts(y * width + x))
+                .collect();
+            // Of equals, the first: `max_by_key` would return the last.
+            let best = eligible.iter().rev().max_by_key(|(x, y)| strength[y * width + x]);
+            found.extend(
+                best.filter(|_| eligible.len() >= enough)
+                    .map(|&(x, y)| Candidate { x, y }),
+            );
+        }
+    }
+    found
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 64, failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn each_cell_gives_its_strongest_pixel_in_snake_order(
+        (width, height) in (32usize..120, 32usize..70),
+        cell_px in 2usize..20,
+        (strengths, seed) in (prop_oneof![Just(5usize), Just(8), Just(256)], any::<u64>()),
+        explained_up_to in proptest::option::of(prop_oneof![Just(62u8), Just(180), Just(250)]),
+    ) {
+        let mut noise = Noise::new(seed);
+        let gradient = gradient(&mut noise, width, height, strengths);
+        let cost = noise.bytes(width * height, 256);
+        let mut found = vec![Candidate { x: 1, y: 1 }];
+        let unexplained = explained_up_to.map(|explained_up_to| Unexplained { cost: &cost, explained_up_to });
+        strongest_per_cell(&gradient, (width, height), cell_px, unexplained, &mut found);
+        let counts = |at: usize| explained_up_to.is_none_or(|up_to| cost[at] > up_to);
+        let enough = if explained_up_to.is_some() { cell_px / 2 } else { 1 };
+        prop_assert_eq!(found, expected(&gradient.strength, (width, height), cell_px, counts, enough));
+    }
+
+    #[test]
+    fn supports_stay_if_enough_others_near_them_agree(
+        (width, height) in (32usize..300, 32usize..200),
+        (fresh, known) in (0usize..120, 0usize..120),
+        (radius_px, supporters, tolerance_px) in (0usize..90, 0usize..5, 0.0f32..8.0),
+        seed in any::<u64>(),
+    ) {
+        let mut noise = Noise::new(seed);
+        // Each at a pixel of its own: a support does not support itself.
+        let mut taken = vec![false; width * height];
+        let mut draw = |count: usize| -> Vec<Support> {
+            (0..count)
+                .filter_map(|_| {
+                    let (x, y) = (noise.below(width), noise.below(height));
+                    let disparity_px = f32::from(u8::try_from(noise.below(40)).unwrap()) / 2.0;
+                    (!std::mem::replace(&mut taken[y * width + x], true)).then_some(Support { x, y, disparity_px })
+                })
+                .collect()
+        };
+        let (mut fresh, known) = (draw(fresh), draw(known));
+        let all: Vec<Support> = fresh.iter().chain(&known).copied().collect();
+        let expected: Vec<Support> = fresh
+            .iter()
+            .filter(|one| {
+                let agreeing = all.iter().filter(|other| {
+                    (other.x, other.y) != (one.x, one.y)
+                        && other.x.abs_diff(one.x) <= radius_px
+                        && other.y.abs_diff(one.y) <= radius_px
+                        && (other.disparity_px - one.disparity_px).abs() <= tolerance_px
+                });
+                agreeing.count() >= supporters
+            })
+            .copied()
+            .collect();
+        let mut buckets = Buckets::default();
+        buckets.reshape(width, height);
+        let consistency = Consistency { radius_px, tolerance_px, supporters };
+        // Twice: what the buckets held before must not matter.
+        consistency.retain(&mut all.clone(), &known, &mut buckets);
+        consistency.retain(&mut fresh, &known, &mut buckets);
+        prop_assert_eq!(fresh, expected);
+    }
+}
+
+#[test]
+fn a_flat_image_has_no_candidates() {
+    let (width, height) = (64, 48);
+    let mut gradient = Gradient::default();
+    gradient.reshape(width, height);
+    gradient.compute(&Image::from_fn(width, height, |_, _| 90).padded(16, 16));
+    let mut found = Vec::new();
+    strongest_per_cell(&gradient, (width, height), 8, None, &mut found);
+    assert!(found.is_empty());
+}

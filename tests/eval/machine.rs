@@ -1,0 +1,34 @@
+//! Where figures come from: commit, processor, SIMD level.
+
+use std::process::Command;
+
+/// One line about this build and this machine.
+pub(crate) fn describe() -> String {
+    format!(
+        "commit {}, {}, SIMD level {}, one thread",
+        commit(),
+        cpu(),
+        stereo::Level::detect().name()
+    )
+}
+
+fn commit() -> String {
+    let output = Command::new("git")
+        .args(["describe", "--always", "--dirty", "--exclude=*"])
+        .output();
+    match output {
+        Ok(output) if output.status.success() => String::from_utf8_lossy(&output.stdout).trim().to_owned(),
+        _ => "unknown".to_owned(),
+    }
+}
+
+fn cpu() -> String {
+    let info = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
+    let model = info
+        .lines()
+        .find_map(|line| line.strip_prefix("model name")?.split_once(':'));
+    model.map_or_else(
+        || std::env::consts::ARCH.to_owned(),
+        |(_, name)| name.trim().to_owned(),
+    )
+}

@@ -1,0 +1,170 @@
+//! The real `stereod` binary as a child process: started on a port of its own, stopped and reaped when dropped.
+
+use std::io::{BufRead, BufReader};
+use std::path::{Path, PathBuf};
+use std::process::{Child, ChildStdout, Command, ExitStatus, Output, Stdio};
+use std::sync::OnceLock;
+use std::time::SystemTime;
+
+use anyhow::{Context, Result, bail};
+
+/// Cargo's target folder, in which this program lies.
+///
+/// # Errors
+/// If this program doesn't lie in one.
+pub fn target_dir() -> Result<PathBuf> {
+    let program = std::env::current_exe().context("this program's path is unknown")?;
+    let target = program
+        .ancestors()
+        .find(|folder| folder.join("CACHEDIR.TAG").is_file());
+    target
+        .map(PathBuf::from)
+        .with_context(|| format!("{} isn't in a target folder", program.display()))
+}
+
+/// What the binary is built from, below the workspace's root.
+const SOURCES: [&str; 5] = [
+    "server/src",
+    "server/stereo/src",
+    "server/scheduler/src",
+    "proto/src",
+    "Cargo.lock",
+];
+
+/// The release binary. `cargo test --workspace` has built it; if it isn't there or older than its sources, which
+/// happens when less than the workspace is built, cargo is asked for it once a process.
+///
+/// # Errors
+/// If it can't be built.
+pub fn binary() -> Result<&'static Path> {
+    static BINARY: OnceLock<Result<PathBuf, String>> = OnceLock::new();
+    match BINARY.get_or_init(|| current_binary().map_err(|why| format!("{why:#}"))) {
+        Ok(path) => Ok(path),
+        Err(why) => bail!("{why}"),
+    }
+}
+
+fn current_binary() -> Result<PathBuf> {
+    let target = target_dir()?;
+    let binary = target.join("release/stereod");
+    let root = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/.."));
+    let built = binary.metadata().and_then(|file| file.modified());
+    if built.is_ok_and(|built| SOURCES.iter().all(|source| is_older(&root.join(source), built))) {
+        return Ok(binary);
+    }
+    let status = Command::new("cargo")
+        .args([
+            "build",
+            "--release",
+            "--quiet",
+            "--workspace",
+            "--bin",
+            "stereod",
+            "--target-dir",
+        ])
+        .arg(&target)
+        .current_dir(root)
+        .status()
+        .context("can't run cargo to build stereod")?;
+    if !status.success() {
+        bail!("`cargo build --release --workspace --bin stereod` failed: {status}");
+    }
+    Ok(binary)
+}
+
+/// Whether a file, or everything in a folder, was last changed before `time`.
+fn is_older(path: &Path, time: SystemTime) -> bool {
+    if let Ok(entries) = std::fs::read_dir(path) {
+        return entries.flatten().all(|entry| is_older(&entry.path(), time));
+    }
+    path.metadata()
+        .and_then(|file| file.modified())
+        .is_ok_and(|changed| changed <= time)
+}
+
+/// Runs the binary to its end.
+///
+/// # Errors
+/// If it can't be built or started.
+pub fn run(args: &[&str]) -> Result<Output> {
+    Command::new(binary()?)
+        .args(args)
+        .stdin(Stdio::null())
+        .output()
+        .context("can't run stereod")
+}
+
+/// A running server.
+#[derive(Debug)]
+pub struct Stereod {
+    child: Child,
+    // Kept open: the server may print more.
+    _stdout: BufReader<ChildStdout>,
+    url: String,
+}
+
+impl Stereod {
+    /// Starts `stereod serve` on a free port of 127.0.0.1 and waits until it listens.
+    ///
+    /// # Errors
+    /// If the binary can't be built or started, or ends before it listens.
+    pub fn start(args: &[&str]) -> Result<Self> {
+        let mut child = Command::new(binary()?)
+            .args(["serve", "--http", "127.0.0.1:0", "--log", "error"])
+            .args(args)
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .spawn()
+            .context("can't start stereod")?;
+        let mut stdout = BufReader::new(child.stdout.take().context("its output is piped")?);
+        let mut line = String::new();
+        loop {
+            line.clear();
+            if stdout.read_line(&mut line)? == 0 {
+                bail!(
+                    "stereod {} ended before it listened: {}",
+                    args.join(" "),
+                    child.wait()?
+                );
+            }
+            if let Some((_, url)) = line.split_once("listening on ") {
+                let url = url.trim().to_owned();
+                return Ok(Self {
+                    child,
+                    _stdout: stdout,
+                    url,
+                });
+            }
+        }
+    }
+
+    /// Where it listens: `http://127.0.0.1:PORT`.
+    #[must_use]
+    pub fn url(&self) -> &str {
+        &self.url
+    }
+
+    /// Asks it to stop, as a service manager does (SIGTERM), and waits until it has.
+    ///
+    /// # Errors
+    /// If the signal can't be sent.
+    pub fn stop(mut self) -> Result<ExitStatus> {
+        // The shell's own `kill`: sending a signal from here would need unsafe code or a further crate.
+        let sent = Command::new("sh")
+            .args(["-c", "kill -TERM \"$0\"", &self.child.id().to_string()])
+            .status()
+            .context("can't run sh to send SIGTERM")?;
+        if !sent.success() {
+            bail!("stereod was gone before SIGTERM: {:?}", self.child.try_wait()?);
+        }
+        self.child.wait().context("can't wait for stereod")
+    }
+}
+
+impl Drop for Stereod {
+    fn drop(&mut self) {
+        // After `stop` it has been waited for: both do nothing then.
+        drop(self.child.kill());
+        drop(self.child.wait());
+    }
+}

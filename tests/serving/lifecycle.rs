@@ -1,0 +1,114 @@
+//! Start and stop.
+
+use std::net::TcpListener;
+
+use stereo_tests::process::run;
+
+use crate::conversation::{Server, message};
+use stereo_proto::v1;
+
+#[tokio::test]
+async fn sigterm_ends_the_server_with_exit_code_0() {
+    let server = Server::start(&[]);
+    assert_eq!(server.good().await.status, 200);
+    let address = server.process.url().trim_start_matches("http://").to_owned();
+    let status = server.process.stop().expect("a running server");
+    assert_eq!(status.code(), Some(0), "{status}");
+    assert!(
+        std::net::TcpStream::connect(address).is_err(),
+        "something still listens"
+    );
+}
+
+/// 2 megapixels of noise: work for long enough to stop the server in the middle of it.
+fn large_message() -> v1::StereoRequest {
+    let mut request = message();
+    let mut state = 1_u32;
+    for image in [&mut request.left, &mut request.right].into_iter().flatten() {
+        (image.width, image.height) = (2048, 1024);
+        let mut byte = || {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            state.to_be_bytes()[0]
+        };
+        image.data = (0..2048 * 1024).map(|_| byte()).collect::<Vec<u8>>().into();
+    }
+    if let Some(options) = &mut request.options {
+        options.set_preset(v1::Preset::Paper);
+    }
+    request
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn what_was_admitted_is_answered_when_the_server_is_told_to_stop() {
+    let server = Server::start(&[]);
+    let request = large_message();
+    let answers = [server.start_posting(&request), server.start_posting(&request)];
+    // One is worked on and one waits, unless this machine is so fast that both are done.
+    while server.get("/readyz").await.json()["queue_depth"] != 1 {
+        if answers.iter().any(tokio::task::JoinHandle::is_finished) {
+            break;
+        }
+    }
+    let status = tokio::task::spawn_blocking(|| server.process.stop())
+        .await
+        .expect("no panic");
+    assert_eq!(status.expect("a running server").code(), Some(0));
+    for answer in answers {
+        let answer = answer.await.expect("an answer, not silence");
+        assert_eq!(answer.status, 200, "{}", answer.text());
+    }
+}
+
+#[test]
+fn bad_configuration_exits_64_before_any_socket_is_bound() {
+    // The port is taken, so a server that tried to bind it would end with another code.
+    let taken = TcpListener::bind("127.0.0.1:0").expect("a free port");
+    let http = taken.local_addr().expect("it is bound").to_string();
+    let file = std::env::temp_dir().join(format!("stereod-bad-{}.toml", std::process::id()));
+    std::fs::write(&file, "[workers]\ncuont = 3\n").expect("a file");
+    let path = file.to_str().expect("a plain path");
+    for (args, word) in [
+        (["--workers", "0"], "workers"),
+        (["--simd", "abacus"], "abacus"),
+        (["--instance", "two words"], "instance"),
+        (["--max-body-bytes", "1"], "body_bytes"),
+        (["--queue-capacity", "many"], "many"),
+        (["--config", "no/such/file.toml"], "no/such/file.toml"),
+        (["--config", path], "cuont"),
+    ] {
+        let output =
+            run(&[&["serve", "--http", &http], args.as_slice()].concat()).expect("a program that runs");
+        let message = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(64), "{args:?}: {message}");
+        assert!(message.contains(word), "{args:?}: {message}");
+        assert!(output.stdout.is_empty(), "{args:?}");
+    }
+    std::fs::remove_file(file).expect("the test's own file");
+    // The same command with good settings gets as far as the socket.
+    let output = run(&["serve", "--http", &http]).expect("a program that runs");
+    assert_eq!(
+        output.status.code(),
+        Some(71),
+        "{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
+    assert!(String::from_utf8_lossy(&output.stderr).contains(&http));
+}
+
+#[test]
+fn help_and_version_are_no_errors() {
+    for args in [
+        &["--help"][..],
+        &["--version"],
+        &["serve", "--help"],
+        &["match", "--help"],
+    ] {
+        let output = run(args).expect("a program that runs");
+        assert_eq!(output.status.code(), Some(0), "{args:?}");
+        assert!(!output.stdout.is_empty(), "{args:?}");
+    }
+    assert_eq!(
+        run(&["frobnicate"]).expect("a program that runs").status.code(),
+        Some(64)
+    );
+}

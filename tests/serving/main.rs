@@ -1,0 +1,18 @@
+//! The real binary over real sockets.
+#![expect(
+    clippy::panic,
+    reason = "a panic is how a test fails, in its helper functions too"
+)]
+
+mod bad_bodies;
+mod bad_images;
+mod bad_options;
+mod client;
+mod conversation;
+mod encodings;
+mod files;
+mod lifecycle;
+mod mutated_files;
+mod offline;
+mod options;
+mod replies;
