@@ -115,7 +115,7 @@ fn the_paper_preset_matches_every_scene() {
 #[test]
 fn more_rungs_never_lower_the_estimate_and_hardly_ever_the_accuracy() {
     for (scene, pair) in CLEAN.iter() {
-        for preset in [Preset::Default, Preset::Paper] {
+        for preset in [Preset::Default, Preset::Fast, Preset::Paper] {
             let params = Params {
                 preset,
                 ..Params::default()

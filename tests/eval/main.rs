@@ -3,10 +3,8 @@
 //! `cargo eval --data FOLDER --peers sgbm,3way,bm` prints one row a method; the protocol is [`stereo_tests::score`]'s.
 //! Every method runs on one thread; of `--repeat` runs the fastest counts, over scenes the median.
 
-mod machine;
 mod method;
 mod peers;
-mod readme;
 mod table;
 
 use std::io::IsTerminal;
@@ -16,7 +14,7 @@ use anyhow::{Context, Result, ensure};
 use clap::Parser;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use stereo_tests::dataset::{SceneFiles, find_scenes};
-use stereo_tests::score;
+use stereo_tests::{machine, readme, score};
 
 use crate::method::{Contestant, Method};
 use crate::table::{Row, Table};
@@ -27,7 +25,7 @@ struct Args {
     /// Folder of scenes: prepared ones, KITTI 2012 or 2015, Middlebury 2014 or ETH3D as downloaded.
     #[arg(long)]
     data: PathBuf,
-    /// Presets: default, paper.
+    /// Presets: default, fast, paper.
     #[arg(long, value_delimiter = ',', default_value = "default")]
     preset: Vec<String>,
     /// Numbers of rungs to run at most, the first included.
@@ -93,17 +91,14 @@ fn main() -> Result<()> {
     let table = Table {
         scenes: scenes.len(),
         rows,
-        machine: machine::describe(),
+        machine: format!("{}, one thread", machine::describe()),
     };
     println!("{}", table.markdown());
     if let Some(path) = &args.json {
         write(path, &table.json()?)?;
     }
     if let Some(path) = &args.readme {
-        let old = std::fs::read_to_string(path).with_context(|| format!("can't read {}", path.display()))?;
-        let new = readme::with_table(&old, &table.markdown())
-            .with_context(|| format!("{} can't take the table", path.display()))?;
-        write(path, &new)?;
+        readme::write_table(path, "eval", &table.markdown())?;
     }
     Ok(())
 }

@@ -45,8 +45,9 @@ impl Method {
         let name = format!("stereod {preset} {rungs} it {density}{confidence}");
         let preset = match preset {
             "default" => Preset::Default,
+            "fast" => Preset::Fast,
             "paper" => Preset::Paper,
-            other => bail!("there is no preset {other}: use default or paper"),
+            other => bail!("there is no preset {other}: use default, fast or paper"),
         };
         let density = match density {
             "semi_dense" => Density::SemiDense,

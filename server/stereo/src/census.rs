@@ -5,7 +5,11 @@
 //! plain loops over bytes. The right view's planes are stored mirrored: the pixel at column `x` is at `width - 1 - x`, so
 //! that candidates of growing disparity, `x - d`, lie one after another.
 
-use crate::plane::{MARGIN_X, Plane};
+use crate::plane::Plane;
+use crate::simd::{Kernel, Lanes, Level};
+
+/// Furthest column a pattern looks at.
+const REACH_PX: usize = 4;
 
 /// Eight neighbours (dx, dy) of one byte.
 type Neighbours = [(i8, i8); 8];
@@ -13,6 +17,8 @@ type Neighbours = [(i8, i8); 8];
 /// Which neighbours are compared.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Pattern {
+    /// The first 8 comparisons of `Sparse9x7`: enough where neighbours help each other.
+    Sparse9x7First,
     /// 16 comparisons, sparse over 9x7 px, point symmetric.
     Sparse9x7,
     /// All 24 neighbours of the 5x5 window (paper, section III-C).
@@ -60,6 +66,7 @@ const FULL_5X5: [Neighbours; 3] = [
 impl Pattern {
     pub(crate) fn planes(self) -> &'static [Neighbours] {
         match self {
+            Self::Sparse9x7First => &SPARSE_9X7[..1],
             Self::Sparse9x7 => &SPARSE_9X7,
             Self::Full5x5 => &FULL_5X5,
         }
@@ -79,7 +86,6 @@ const OUTSIDE: u8 = 0x0F;
 pub(crate) struct Census {
     planes: Vec<Plane>,
     mirrored: bool,
-    scratch: Vec<u8>,
 }
 
 impl Census {
@@ -96,28 +102,39 @@ impl Census {
             plane.reshape(image.width(), image.height(), left, right);
             plane.fill(OUTSIDE);
         }
-        self.scratch.resize(image.stride(), 0);
     }
 
     /// All codes of `image`; `inside` are the columns of its rows (margins counted) that exist in the view.
-    pub(crate) fn compute(&mut self, pattern: Pattern, image: &Plane, inside: std::ops::Range<usize>) {
+    pub(crate) fn compute(
+        &mut self,
+        level: Level,
+        pattern: Pattern,
+        image: &Plane,
+        inside: std::ops::Range<usize>,
+    ) {
         let stride = image.stride();
-        let columns = inside.start.max(MARGIN_X / 2)..inside.end.min(stride - MARGIN_X / 2);
+        let columns = inside.start.max(REACH_PX)..inside.end.min(stride - REACH_PX);
         if columns.is_empty() {
             return;
         }
         for (plane, neighbours) in self.planes.iter_mut().zip(pattern.planes()) {
             for y in 0..image.height() {
-                let codes = &mut self.scratch[columns.clone()];
-                census_row(image, y, columns.clone(), neighbours, codes);
                 let row = plane.row_mut(y);
-                if self.mirrored {
-                    let target = &mut row[stride - columns.end..stride - columns.start];
-                    for (to, from) in target.iter_mut().rev().zip(codes.iter()) {
-                        *to = *from;
-                    }
+                let range = if self.mirrored {
+                    stride - columns.end..stride - columns.start
                 } else {
-                    row[columns.clone()].copy_from_slice(codes);
+                    columns.clone()
+                };
+                let codes = &mut row[range];
+                level.run(CensusRow {
+                    image,
+                    y,
+                    columns: columns.clone(),
+                    neighbours,
+                    codes,
+                });
+                if self.mirrored {
+                    codes.reverse();
                 }
             }
         }
@@ -136,21 +153,37 @@ impl Census {
 }
 
 /// One byte of codes for the columns `columns` of row `y`.
-fn census_row(
-    image: &Plane,
+struct CensusRow<'a> {
+    image: &'a Plane,
     y: usize,
     columns: std::ops::Range<usize>,
-    neighbours: &Neighbours,
-    codes: &mut [u8],
-) {
-    let centre = &image.row(y, 0)[columns.clone()];
-    let others = neighbours.map(|(dx, dy)| {
-        let from = columns.start.wrapping_add_signed(isize::from(dx));
-        &image.row(y, dy)[from..from + columns.len()]
-    });
-    for (i, code) in codes.iter_mut().enumerate() {
-        let bit = |k: usize| u8::from(others[k][i] > centre[i]) << k;
-        *code = bit(0) | bit(1) | bit(2) | bit(3) | bit(4) | bit(5) | bit(6) | bit(7);
+    neighbours: &'a Neighbours,
+    codes: &'a mut [u8],
+}
+
+impl Kernel for CensusRow<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, _: L) {
+        let Self {
+            image,
+            y,
+            columns,
+            neighbours,
+            codes,
+        } = self;
+        let count = columns.len();
+        let centre = &image.row(y, 0)[columns.clone()];
+        let others = neighbours.map(|(dx, dy)| {
+            let from = columns.start.wrapping_add_signed(isize::from(dx));
+            &image.row(y, dy)[from..from + count]
+        });
+        let codes = &mut codes[..count];
+        for i in 0..count {
+            let bit = |k: usize| u8::from(others[k][i] > centre[i]) << k;
+            codes[i] = bit(0) | bit(1) | bit(2) | bit(3) | bit(4) | bit(5) | bit(6) | bit(7);
+        }
     }
 }
 

@@ -1,49 +1,164 @@
-//! What a cost says about a pixel: an 8-bit confidence, and how probably its disparity is right.
+//! An 8-bit confidence for every pixel, from what each rung knows of it.
 //!
-//! Both are curves over the cost (of 250), straight between points. Confidence orders pixels and is made for a threshold:
-//! half of it, [`CONFIDENT_UP_TO`], is the border of the confident subset. The probability is measured: the share of the
-//! high-gradient pixels of that cost that were within 3 px of the truth on KITTI 2012. It never rises with the cost, and
-//! costs never rise from rung to rung: so the quality estimate never falls.
+//! Confidence orders pixels, and half of it is the border of the confident subset. Mesh rungs know the matching cost; the
+//! dense rungs know as well whether the right view agrees and whether the surroundings are one surface, which tells more.
 
-/// Points (cost, value) of a curve by rising cost; 0 beyond the last.
-pub(crate) type Curve = &'static [(u8, f32)];
+use crate::simd::{Kernel, Lanes, Level};
 
-/// Confidence of a validated pixel, 1..=254; one that is not validated has 0.
-pub(crate) fn confidence(cost: u8, half_at: u8, valid_up_to: u8) -> u8 {
-    let value = at(&[(0, 254.0), (half_at, 127.5), (valid_up_to, 1.0)], cost);
-    #[expect(clippy::cast_possible_truncation, reason = "between 0 and 254")]
-    #[expect(clippy::cast_sign_loss, reason = "between 0 and 254")]
-    let confidence = value.round() as u8;
-    confidence
+/// Points of a curve, by rising x.
+pub(crate) type Curve = &'static [(f32, f32)];
+
+/// The curve's value at `x`, straight between points; the end's value beyond it.
+pub(crate) fn at(curve: &[(f32, f32)], x: f32) -> f32 {
+    for pair in curve.windows(2) {
+        let ((x0, y0), (x1, y1)) = (pair[0], pair[1]);
+        if x <= x1 {
+            return y0 + (y1 - y0) * (x - x0).max(0.0) / (x1 - x0);
+        }
+    }
+    curve.last().map_or(0.0, |&(_, y)| y)
 }
 
-/// The curve's value at `cost`.
-pub(crate) fn at(curve: &[(u8, f32)], cost: u8) -> f32 {
-    curve
-        .windows(2)
-        .find(|pair| (pair[0].0..=pair[1].0).contains(&cost))
-        .map_or(0.0, |pair| {
-            let ((x0, y0), (x1, y1)) = (pair[0], pair[1]);
-            y0 + (y1 - y0) * f32::from(cost - x0) / f32::from(x1 - x0)
-        })
+/// Half of the full confidence.
+const HALF: u16 = 127;
+/// Full confidence; 255 is never given, so that a minimum of 1 drops everything.
+const FULL: u16 = 254;
+/// Confidence over the cost: 254 at 0, half at `half_at`, next to nothing at `valid_up_to`, 0 beyond.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct CostScale {
+    pub(crate) half_at: u8,
+    pub(crate) valid_up_to: u8,
+}
+
+impl CostScale {
+    /// 8 fractional bits.
+    fn slopes(self) -> (u16, u16) {
+        let half_at = u16::from(self.half_at);
+        (
+            (FULL - HALF) * 256 / half_at,
+            (HALF - 1) * 256 / (u16::from(self.valid_up_to) - half_at),
+        )
+    }
+
+    /// Confidences of validated pixels by their costs.
+    pub(crate) fn rate(self, level: Level, costs: &[u8], confidence: &mut [u8]) {
+        level.run(FromCosts {
+            scale: self,
+            costs,
+            confidence,
+        });
+    }
+}
+
+struct FromCosts<'a> {
+    scale: CostScale,
+    costs: &'a [u8],
+    confidence: &'a mut [u8],
+}
+
+impl Kernel for FromCosts<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, _: L) {
+        let (steep, flat) = self.scale.slopes();
+        let (half_at, valid_up_to) = (u16::from(self.scale.half_at), u16::from(self.scale.valid_up_to));
+        for (confidence, cost) in self.confidence.iter_mut().zip(self.costs) {
+            *confidence = from_cost(u16::from(*cost), (half_at, steep), (valid_up_to, flat));
+        }
+    }
+}
+
+#[inline(always)]
+fn from_cost(cost: u16, (half_at, steep): (u16, u16), (valid_up_to, flat): (u16, u16)) -> u8 {
+    let near = FULL - ((cost.min(half_at) * steep) >> 8);
+    let far = (cost.saturating_sub(half_at).min(valid_up_to - half_at) * flat) >> 8;
+    #[expect(clippy::cast_possible_truncation, reason = "at most 254")]
+    let confidence = (near.saturating_sub(far)).max(1) as u8;
+    if cost <= valid_up_to { confidence } else { 0 }
+}
+
+/// Confidences of a dense row: at most the certainties of its half resolution row, and less for high costs, if known.
+pub(crate) fn rate_dense(
+    level: Level,
+    scale: CostScale,
+    certainties: &[u8],
+    costs: Option<&[u8]>,
+    confidence: &mut [u8],
+) {
+    level.run(Dense {
+        scale,
+        certainties,
+        costs,
+        confidence,
+    });
+}
+
+struct Dense<'a> {
+    scale: CostScale,
+    certainties: &'a [u8],
+    costs: Option<&'a [u8]>,
+    confidence: &'a mut [u8],
+}
+
+impl Kernel for Dense<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, _: L) {
+        let Self {
+            scale,
+            certainties,
+            costs,
+            confidence,
+        } = self;
+        // Without costs, as if all were at half of what is confident.
+        let most = if costs.is_some() { FULL } else { (FULL + HALF) / 2 };
+        #[expect(clippy::cast_possible_truncation, reason = "at most 254")]
+        let most = most as u8;
+        let (pairs, last) = confidence.as_chunks_mut::<2>();
+        for (pair, certainty) in pairs.iter_mut().zip(certainties) {
+            *pair = [(*certainty).min(most); 2];
+        }
+        if let ([last], Some(certainty)) = (last, certainties.last()) {
+            *last = (*certainty).min(most);
+        }
+        let Some(costs) = costs else { return };
+        let (steep, flat) = scale.slopes();
+        let (half_at, valid_up_to) = (u16::from(scale.half_at), u16::from(scale.valid_up_to));
+        for (confidence, cost) in confidence.iter_mut().zip(costs) {
+            let cost = u16::from(*cost).min(valid_up_to);
+            *confidence = (*confidence).min(from_cost(cost, (half_at, steep), (valid_up_to, flat)));
+        }
+    }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::{at, confidence};
+    use super::{CostScale, at};
+    use crate::simd::Level;
 
     #[test]
-    fn confidence_falls_from_254_over_half_to_1_and_then_0() {
-        assert_eq!(
-            [0, 75, 125, 126, 255].map(|cost| confidence(cost, 75, 125)),
-            [254, 128, 1, 0, 0]
-        );
-        assert!((1..=255).all(|cost| confidence(cost, 75, 125) <= confidence(cost - 1, 75, 125)));
+    fn confidence_falls_from_254_over_half_to_next_to_nothing_and_then_0() {
+        let costs: Vec<u8> = (0..=255).collect();
+        let mut confidence = vec![0; 256];
+        CostScale {
+            half_at: 75,
+            valid_up_to: 125,
+        }
+        .rate(Level::SCALAR, &costs, &mut confidence);
+        assert_eq!([0, 126, 255].map(|cost| confidence[cost]), [254, 0, 0]);
+        assert!((1..=4).contains(&confidence[125]), "{}", confidence[125]);
+        assert!(confidence[75] >= 127 && confidence[76] <= 127);
+        assert!(confidence.windows(2).all(|pair| pair[0] >= pair[1]));
     }
 
     #[test]
-    fn a_curve_is_straight_between_its_points_and_zero_beyond() {
-        let curve = [(0, 1.0), (10, 0.5)];
-        assert_eq!([0, 5, 10, 11].map(|cost| at(&curve, cost)), [1.0, 0.75, 0.5, 0.0]);
+    fn a_curve_is_straight_between_its_points_and_level_beyond() {
+        let curve = [(0.0, 1.0), (10.0, 0.5)];
+        assert_eq!(
+            [0.0, 5.0, 10.0, 11.0].map(|x| at(&curve, x)),
+            [1.0, 0.75, 0.5, 0.5]
+        );
     }
 }

@@ -14,6 +14,8 @@
 //! small window make it strong.
 
 use crate::census::{Census, Pattern};
+use crate::simd::{Kernel, Lanes, Level};
+use crate::support::{Candidate, Support};
 
 /// Disparities of one search at most.
 pub(crate) const MAX_DISPARITIES: usize = 256;
@@ -100,42 +102,63 @@ pub(crate) struct Views<'a> {
 type Costs = [u16; MAX_DISPARITIES];
 
 impl Search {
+    /// Searches for all `candidates`, and adds those that can be trusted to `found`.
+    pub(crate) fn search(
+        &self,
+        level: Level,
+        views: &Views<'_>,
+        candidates: &[Candidate],
+        found: &mut Vec<Support>,
+    ) {
+        level.run(SearchAll {
+            search: self,
+            views,
+            candidates,
+            found,
+        });
+    }
+
     /// The disparity of the left view's pixel (`x`, `y`) in px above the smallest, if it can be trusted.
-    pub(crate) fn disparity_px(&self, views: &Views<'_>, x: usize, y: usize) -> Option<f32> {
-        let mut costs: Costs = [0; MAX_DISPARITIES];
+    #[inline(always)]
+    fn disparity_px(&self, views: &Views<'_>, x: usize, y: usize) -> Option<f32> {
         let reachable = views
             .disparities
             .min((x + 1).checked_add_signed(views.columns_before)?);
-        let costs = &mut costs[..reachable];
-        sum_costs(
-            views,
-            (views.left, x),
-            (views.right, views.right_index(x)),
-            self.taps,
-            y,
-            costs,
-        );
-        let best = argmin(costs)?;
+        let left = Around {
+            census: views.left,
+            at: views.left.index(x),
+            step: 1,
+        };
+        let right = Around {
+            census: views.right,
+            at: views.right_index(x),
+            step: -1,
+        };
+        let mut costs: Costs = [0; MAX_DISPARITIES];
+        sum_costs(left, right, self.taps, y, reachable, &mut costs);
+        let best = argmin(&costs)?;
         let worst_possible =
             f32::from(u16::try_from(self.taps.len() * views.pattern.bits()).unwrap_or(u16::MAX));
         if f32::from(costs[best]) > self.max_cost * worst_possible {
             return None;
         }
-        if f32::from(costs[best]) >= self.uniqueness * f32::from(best_elsewhere(costs, best)?) {
+        if f32::from(costs[best]) >= self.uniqueness * f32::from(best_elsewhere(&costs, best)?) {
             return None;
         }
         if !self.is_found_from_the_right(views, x, y, best) {
             return None;
         }
         let whole = f32::from(u16::try_from(best).unwrap_or(u16::MAX));
-        Some(if self.subpixel {
-            (whole + equiangular(costs, best)).max(0.0)
+        let offset = if self.subpixel {
+            equiangular(&costs[..reachable], best)
         } else {
-            whole
-        })
+            0.0
+        };
+        Some((whole + offset).max(0.0))
     }
 
     /// Searches back from the right view's pixel `x - d`: the left view's candidates are `x - d + d'`.
+    #[inline(always)]
     fn is_found_from_the_right(&self, views: &Views<'_>, x: usize, y: usize, disparity: usize) -> bool {
         // The matched right pixel may lie left of the window, where the left view has no candidates but further right.
         let (first, skipped) = match x.checked_sub(disparity) {
@@ -143,12 +166,39 @@ impl Search {
             None => (0, disparity - x),
         };
         let n = (views.disparities - skipped).min(views.width - first);
+        let right = Around {
+            census: views.right,
+            at: views.right_index(x) + disparity,
+            step: -1,
+        };
+        let left = Around {
+            census: views.left,
+            at: views.left.index(first),
+            step: 1,
+        };
         let mut costs: Costs = [0; MAX_DISPARITIES];
-        let costs = &mut costs[..n];
-        // The roles change: one right word against consecutive left words, both in their own order of columns.
-        let right_at = views.right_index(x) + disparity;
-        sum_costs_back(views, right_at, views.left.index(first), self.taps, y, costs);
-        argmin(costs).is_some_and(|back| (back + skipped).abs_diff(disparity) <= self.left_right_px)
+        sum_costs(right, left, self.taps, y, n, &mut costs);
+        argmin(&costs).is_some_and(|back| (back + skipped).abs_diff(disparity) <= self.left_right_px)
+    }
+}
+
+struct SearchAll<'a> {
+    search: &'a Search,
+    views: &'a Views<'a>,
+    candidates: &'a [Candidate],
+    found: &'a mut Vec<Support>,
+}
+
+impl Kernel for SearchAll<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, _: L) {
+        for &Candidate { x, y } in self.candidates {
+            if let Some(disparity_px) = self.search.disparity_px(self.views, x, y) {
+                self.found.push(Support { x, y, disparity_px });
+            }
+        }
     }
 }
 
@@ -159,111 +209,89 @@ impl Views<'_> {
     }
 }
 
-/// `costs[d]` = Hamming distance of the left words around column `x` to the right words `d` columns further left.
-fn sum_costs(
-    views: &Views<'_>,
-    (left, x): (&Census, usize),
-    (right, right_at): (&Census, usize),
-    taps: Taps,
-    y: usize,
-    costs: &mut [u16],
-) {
-    let mut accumulator = ByteSums::new(views.pattern);
-    for &(dx, dy) in taps {
-        for (left, right) in left.planes().iter().zip(right.planes()) {
-            let word = left.row(y, dy)[(left.margin_left() + x).wrapping_add_signed(isize::from(dx))];
-            let from = right_at.wrapping_add_signed(-isize::from(dx));
-            accumulator.add(word, &right.row(y, dy)[from..from + costs.len()]);
-        }
-        accumulator.end_tap(costs);
-    }
-    accumulator.flush(costs);
+/// Disparities summed at a time: their sums stay in registers over all taps.
+const BLOCK: usize = 64;
+
+/// A view's words around a pixel, `at` within its rows; `step` is 1, or -1 where the rows are mirrored.
+#[derive(Clone, Copy)]
+struct Around<'a> {
+    census: &'a Census,
+    at: usize,
+    step: isize,
 }
 
-/// The same from the right: `costs[d]` for the left words at `left_at + d`.
-fn sum_costs_back(
-    views: &Views<'_>,
-    right_at: usize,
-    left_at: usize,
-    taps: Taps,
-    y: usize,
-    costs: &mut [u16],
-) {
-    let mut accumulator = ByteSums::new(views.pattern);
-    for &(dx, dy) in taps {
-        for (left, right) in views.left.planes().iter().zip(views.right.planes()) {
-            let word = right.row(y, dy)[right_at.wrapping_add_signed(-isize::from(dx))];
-            let from = left_at.wrapping_add_signed(isize::from(dx));
-            accumulator.add(word, &left.row(y, dy)[from..from + costs.len()]);
-        }
-        accumulator.end_tap(costs);
-    }
-    accumulator.flush(costs);
-}
-
-/// Sums Hamming distances in bytes as long as they can't overflow, then in 16 bits: bytes are twice as fast.
-struct ByteSums {
-    sums: [u8; MAX_DISPARITIES],
-    taps: usize,
-    taps_that_fit: usize,
-}
-
-impl ByteSums {
-    fn new(pattern: Pattern) -> Self {
-        Self {
-            sums: [0; MAX_DISPARITIES],
-            taps: 0,
-            taps_that_fit: usize::from(u8::MAX) / pattern.bits(),
-        }
-    }
-
-    fn add(&mut self, word: u8, others: &[u8]) {
-        for (sum, other) in self.sums.iter_mut().zip(others) {
-            // At most 8, so the sum stays in its byte until `end_tap` flushes.
-            *sum += hamming(word, *other);
-        }
-    }
-
-    fn end_tap(&mut self, costs: &mut [u16]) {
-        self.taps += 1;
-        if self.taps == self.taps_that_fit {
-            self.flush(costs);
-        }
-    }
-
-    fn flush(&mut self, costs: &mut [u16]) {
-        for (cost, sum) in costs.iter_mut().zip(&mut self.sums) {
-            *cost += u16::from(*sum);
-            *sum = 0;
-        }
-        self.taps = 0;
+impl<'a> Around<'a> {
+    /// Plane `plane`'s row `y + dy` and where column `dx` further right is in it.
+    #[inline(always)]
+    fn row(&self, plane: usize, y: usize, (dx, dy): (i8, i8)) -> (&'a [u8], usize) {
+        let row = self.census.planes()[plane].row(y, dy);
+        (row, self.at.wrapping_add_signed(self.step * isize::from(dx)))
     }
 }
 
-/// Number of differing bits of two census words, 0..=8.
-#[inline]
-fn hamming(a: u8, b: u8) -> u8 {
-    // Written out: the baseline instruction set has no byte popcount and this form vectorises.
-    let x = a ^ b;
-    let x = x - ((x >> 1) & 0x55);
-    let x = (x & 0x33) + ((x >> 2) & 0x33);
-    (x + (x >> 4)) & 0x0F
+/// `costs[d]` for `d < n`: Hamming distance of the words around `one` to the words around `many`, `d` further in its rows;
+/// the rest of `costs` is as large as can be.
+#[inline(always)]
+fn sum_costs(one: Around<'_>, many: Around<'_>, taps: Taps, y: usize, n: usize, costs: &mut Costs) {
+    let planes = one.census.planes().len();
+    // Bytes are twice as fast as 16 bits, as long as a sum fits one.
+    let taps_that_fit = usize::from(u8::MAX) / (8 * planes);
+    for (block, costs) in costs
+        .as_chunks_mut::<BLOCK>()
+        .0
+        .iter_mut()
+        .enumerate()
+        .take(n.div_ceil(BLOCK))
+    {
+        *costs = [0; BLOCK];
+        for taps in taps.chunks(taps_that_fit) {
+            let mut sums = [0u8; BLOCK];
+            for &tap in taps {
+                for plane in 0..planes {
+                    let (row, at) = one.row(plane, y, tap);
+                    let word = row[at];
+                    // Rows have margins of a block more than any disparity reaches.
+                    let (row, at) = many.row(plane, y, tap);
+                    let words = &row[at + block * BLOCK..][..BLOCK];
+                    for k in 0..BLOCK {
+                        #[expect(clippy::cast_possible_truncation, reason = "at most 8")]
+                        let distance = (word ^ words[k]).count_ones() as u8;
+                        sums[k] += distance;
+                    }
+                }
+            }
+            for k in 0..BLOCK {
+                costs[k] += u16::from(sums[k]);
+            }
+        }
+    }
+    costs[n..].fill(u16::MAX);
 }
 
-/// The first of the least costs.
-fn argmin(costs: &[u16]) -> Option<usize> {
-    let least = costs.iter().copied().min()?;
-    costs.iter().position(|&cost| cost == least)
+/// The first of the least costs; `None` if there is none.
+#[inline(always)]
+fn argmin(costs: &Costs) -> Option<usize> {
+    let mut least = u32::MAX;
+    for (d, cost) in (0u32..).zip(costs) {
+        least = least.min(u32::from(*cost) << 16 | d);
+    }
+    (least >> 16 < u32::from(u16::MAX)).then_some((least & 0xFFFF) as usize)
 }
 
 /// The least cost further than 2 px from `best`; `None` if nothing is that far, so that uniqueness can't be told.
-fn best_elsewhere(costs: &[u16], best: usize) -> Option<u16> {
-    let before = &costs[..best.saturating_sub(2)];
-    let after = costs.get(best + 3..).unwrap_or_default();
-    before.iter().chain(after).copied().min()
+#[inline(always)]
+fn best_elsewhere(costs: &Costs, best: usize) -> Option<u16> {
+    let mut elsewhere = *costs;
+    elsewhere[best.saturating_sub(2)..(best + 3).min(MAX_DISPARITIES)].fill(u16::MAX);
+    let mut least = u16::MAX;
+    for cost in elsewhere {
+        least = least.min(cost);
+    }
+    (least < u16::MAX).then_some(least)
 }
 
 /// Offset in -0.5..=0.5 of the minimum of two lines of equal slope through the best cost and its neighbours.
+#[inline(always)]
 fn equiangular(costs: &[u16], best: usize) -> f32 {
     if best == 0 || best + 1 >= costs.len() {
         return 0.0;

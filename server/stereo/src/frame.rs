@@ -2,7 +2,10 @@
 
 use std::sync::Mutex;
 
+use crate::band::Penalties;
 use crate::census::Census;
+use crate::coarse::{Coarse, Constants, Part};
+use crate::confidence::{CostScale, rate_dense};
 use crate::cost::{Best, Evaluation, Scratch};
 use crate::disparity::{DisparityMap, FIXED_PER_PX};
 use crate::epipolar::Views;
@@ -17,9 +20,10 @@ use crate::params::Params;
 use crate::plane::{MARGIN_X, Plane};
 use crate::propagate::{self, From};
 use crate::publish::{self, Published};
+use crate::simd::Level;
 use crate::support::{self, Buckets, Candidate, Support, Unexplained};
 use crate::triangulation::Triangulation;
-use crate::{fast, output_mesh};
+use crate::{fast, output_mesh, smooth, upsample};
 
 /// Where the way to a rung goes on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -36,6 +40,38 @@ pub(crate) enum Stage {
     Propagate { pass: usize },
     /// Evaluate costs from row `row` on.
     Evaluate { row: usize, pass: usize },
+    /// Make the coarse levels' images and words.
+    Shrink,
+    /// Solve part `part` of a coarse level.
+    Quarter { part: usize },
+    /// The same at half resolution.
+    Half { part: usize },
+    /// Bring the half resolution result to full resolution.
+    Enlarge,
+    /// Smooth the full resolution result.
+    Smooth,
+    /// Rate and write the result.
+    Publish,
+}
+
+impl Stage {
+    /// For people.
+    pub(crate) fn name(self) -> &'static str {
+        match self {
+            Self::Choose => "choose",
+            Self::Search { .. } => "search",
+            Self::Insert { .. } => "triangulate",
+            Self::Interpolate => "interpolate",
+            Self::Propagate { .. } => "propagate",
+            Self::Evaluate { .. } => "evaluate",
+            Self::Shrink => "shrink",
+            Self::Quarter { .. } => "quarter band",
+            Self::Half { .. } => "half band",
+            Self::Enlarge => "enlarge",
+            Self::Smooth => "smooth",
+            Self::Publish => "publish",
+        }
+    }
 }
 
 /// Candidates searched in one step.
@@ -46,16 +82,35 @@ const INSERTIONS_A_STEP: usize = 512;
 const PIXELS_A_STEP: usize = 65_536;
 /// Propagation passes of a rung.
 const PASSES: [From; 4] = [From::Left, From::Right, From::Above, From::Below];
+/// Penalties and speckles of the coarse levels, tuned on KITTI 2012; all of them are flat around their optimum.
+const QUARTER: Constants = Constants {
+    penalties: Penalties {
+        small: 12,
+        large: 60,
+        least: 24,
+    },
+    speckle_px: 40,
+};
+const HALF: Constants = Constants {
+    penalties: Penalties {
+        small: 18,
+        large: 60,
+        least: 27,
+    },
+    speckle_px: 100,
+};
 /// Context around a region of interest, px: supports there shape the mesh within.
 const CONTEXT_PX: usize = 32;
 
 /// All scratch of a matcher. Positions are relative to the window, disparities to the smallest one searched.
 #[derive(Debug, Default)]
 pub(crate) struct Frame {
+    level: Level,
     /// The part of the image that is worked on.
     window: Window,
     left: Plane,
     right: Plane,
+    real_columns: (Columns, Columns),
     left_census: Census,
     right_census: Census,
     gradient: Gradient,
@@ -75,8 +130,13 @@ pub(crate) struct Frame {
     /// D_f and C_f.
     disparity: Vec<u16>,
     cost: Vec<u8>,
+    confidence: Vec<u8>,
+    half: Coarse,
+    quarter: Coarse,
     scratch: Vec<Mutex<Scratch>>,
 }
+
+type Columns = std::ops::Range<usize>;
 
 /// The window within the image, and the disparities searched in it.
 #[derive(Debug, Clone, Copy)]
@@ -126,7 +186,8 @@ impl Window {
 
 impl Frame {
     /// Room for images of `shape`.
-    pub(crate) fn reshape(&mut self, shape: Shape, params: &Params, recipe: &Recipe) {
+    pub(crate) fn reshape(&mut self, level: Level, shape: Shape, params: &Params, recipe: &Recipe) {
+        self.level = level;
         self.window = Window::of(shape, params);
         let Roi { width, height, .. } = self.window.roi;
         self.left
@@ -141,16 +202,21 @@ impl Frame {
             map.resize(width * height, 0);
         }
         self.cost.resize(width * height, 0);
+        self.confidence.resize(width * height, 0);
     }
 
     /// Takes in a pair and forgets the one before.
-    pub(crate) fn begin(&mut self, pair: StereoPair<'_>, recipe: &Recipe) {
+    pub(crate) fn begin(
+        &mut self,
+        pair: StereoPair<'_>,
+        recipe: &Recipe,
+        after: &mut dyn FnMut(&'static str),
+    ) {
         let Window {
             roi,
             min_disparity_px,
-            disparities,
+            ..
         } = self.window;
-        let image_width = pair.left().width_px();
         let left_of_window = isize::try_from(roi.x).unwrap_or(isize::MAX);
         self.left.copy_from(&pair.left(), left_of_window, roi.y);
         self.right.copy_from(
@@ -158,21 +224,32 @@ impl Frame {
             left_of_window.saturating_sub_unsigned(min_disparity_px),
             roi.y,
         );
-        self.gradient.compute(&self.left);
-        // Columns of the padded rows that show real pixels.
-        let stride = self.left.stride();
-        let from = MARGIN_X.saturating_sub(roi.x);
-        self.left_census.compute(
-            recipe.pattern,
-            &self.left,
-            from..(image_width - roi.x + MARGIN_X).min(stride),
-        );
-        let origin = disparities + MARGIN_X + min_disparity_px;
-        let columns = origin.saturating_sub(roi.x)..(image_width + origin - roi.x).min(self.right.stride());
-        self.right_census.compute(recipe.pattern, &self.right, columns);
+        after("copy");
+        self.gradient.compute(self.level, &self.left);
+        after("gradient");
+        let (left, right) = self.real_columns(pair.left().width_px());
+        self.real_columns = (left.clone(), right.clone());
+        self.left_census
+            .compute(self.level, recipe.pattern, &self.left, left);
+        self.right_census
+            .compute(self.level, recipe.pattern, &self.right, right);
+        after("census");
         self.supports.clear();
         self.rasterised_vertices = 0;
         self.cost.fill(u8::MAX);
+    }
+
+    /// Columns of the padded rows of both views that show real pixels.
+    fn real_columns(&self, image_width: usize) -> (Columns, Columns) {
+        let Window {
+            roi,
+            min_disparity_px,
+            disparities,
+        } = self.window;
+        let left = MARGIN_X.saturating_sub(roi.x)..(image_width - roi.x + MARGIN_X).min(self.left.stride());
+        let origin = disparities + MARGIN_X + min_disparity_px;
+        let right = origin.saturating_sub(roi.x)..(image_width + origin - roi.x).min(self.right.stride());
+        (left, right)
     }
 
     fn width(&self) -> usize {
@@ -219,6 +296,34 @@ impl Frame {
                 Some(Stage::Evaluate { row: 0, pass })
             }
             Stage::Evaluate { row, pass } => self.evaluate(row, pass, rung, recipe, join),
+            Stage::Shrink => Some(self.shrink()),
+            Stage::Quarter { part } => {
+                self.quarter.solve(self.level, &QUARTER, Part::ALL[part]);
+                if part + 1 < Part::ALL.len() {
+                    return Some(Stage::Quarter { part: part + 1 });
+                }
+                self.half.centre_on(self.level, &self.quarter);
+                Some(Stage::Half { part: 0 })
+            }
+            Stage::Half { part } => {
+                self.half.solve(self.level, &HALF, Part::ALL[part]);
+                Some(if part + 1 < Part::ALL.len() {
+                    Stage::Half { part: part + 1 }
+                } else {
+                    Stage::Enlarge
+                })
+            }
+            Stage::Enlarge => {
+                self.enlarge();
+                Some(Stage::Publish)
+            }
+            Stage::Publish => None,
+            Stage::Smooth => {
+                let (width, height) = (self.width(), self.height());
+                smooth::median(self.level, width, &self.disparity, 0..height, &mut self.proposed);
+                smooth::mean(self.level, width, &self.proposed, 0..height, &mut self.disparity);
+                Some(Stage::Publish)
+            }
         }
     }
 
@@ -228,6 +333,11 @@ impl Frame {
         self.fresh.clear();
         match rung.work {
             Work::Propagate => return Stage::Propagate { pass: 0 },
+            Work::HalfBand => return Stage::Shrink,
+            Work::Full => {
+                self.proposed.copy_from_slice(&self.disparity);
+                return Stage::Evaluate { row: 0, pass: 0 };
+            }
             Work::Mesh { cell_px } => {
                 let size = (self.width(), self.height());
                 let unexplained = Unexplained {
@@ -235,7 +345,14 @@ impl Frame {
                     explained_up_to: recipe.confident_below,
                 };
                 let unexplained = (!is_first).then_some(unexplained);
-                support::strongest_per_cell(&self.gradient, size, cell_px, unexplained, &mut self.candidates);
+                support::strongest_per_cell(
+                    self.level,
+                    &self.gradient,
+                    size,
+                    cell_px,
+                    unexplained,
+                    &mut self.candidates,
+                );
             }
             Work::Paper { .. } if is_first => match recipe.detector {
                 Detector::FastInBins => fast::corners_in_bins(&self.left, &mut self.candidates),
@@ -262,11 +379,9 @@ impl Frame {
             columns_before: self.window.roi.x.cast_signed() - self.window.min_disparity_px.cast_signed(),
         };
         let end = (next + SEARCHES_A_STEP).min(self.candidates.len());
-        for &Candidate { x, y } in &self.candidates[next..end] {
-            if let Some(disparity_px) = recipe.search.disparity_px(&views, x, y) {
-                self.fresh.push(Support { x, y, disparity_px });
-            }
-        }
+        recipe
+            .search
+            .search(self.level, &views, &self.candidates[next..end], &mut self.fresh);
         if end < self.candidates.len() {
             return Stage::Search { next: end };
         }
@@ -295,9 +410,9 @@ impl Frame {
 
     fn interpolate(&mut self) {
         let (width, max_fixed) = (self.width(), self.window.max_fixed());
-        for triangle in self.triangulation.triangles_from(self.rasterised_vertices) {
-            interpolate::fill(&mut self.interpolated, width, &triangle.vertices, max_fixed);
-        }
+        let changed = self.triangulation.triangles_from(self.rasterised_vertices);
+        let changed = changed.map(|triangle| triangle.vertices);
+        interpolate::fill(self.level, &mut self.interpolated, width, changed, max_fixed);
         self.rasterised_vertices = self.triangulation.vertices();
     }
 
@@ -327,9 +442,10 @@ impl Frame {
                 };
                 iteration.refine(row..end, &mut Best { disparity, cost }, &mut self.occupancy);
             }
-            Work::Mesh { .. } | Work::Propagate => {
+            Work::Mesh { .. } | Work::Propagate | Work::Full | Work::HalfBand => {
                 let is_mesh = matches!(rung.work, Work::Mesh { .. });
                 let evaluation = Evaluation {
+                    level: self.level,
                     left: &self.left_census,
                     right: &self.right_census,
                     candidates: if is_mesh {
@@ -353,7 +469,12 @@ impl Frame {
                 join.run(parts.len(), &|piece| {
                     let part = parts[piece].lock().ok().and_then(|mut part| part.take());
                     if let (Some((disparity, cost)), Ok(mut scratch)) = (part, self.scratch[piece].lock()) {
-                        evaluation.update(row + piece * rows, &mut Best { disparity, cost }, &mut scratch);
+                        let (first, mut best) = (row + piece * rows, Best { disparity, cost });
+                        if rung.work == Work::Full {
+                            evaluation.correct(first, &mut best, &mut scratch);
+                        } else {
+                            evaluation.update(first, &mut best, &mut scratch);
+                        }
                     }
                 });
             }
@@ -362,27 +483,87 @@ impl Frame {
             Some(Stage::Evaluate { row: end, pass })
         } else if rung.work == Work::Propagate && pass + 1 < PASSES.len() {
             Some(Stage::Propagate { pass: pass + 1 })
+        } else if rung.work == Work::Full {
+            Some(Stage::Smooth)
         } else {
-            None
+            Some(Stage::Publish)
+        }
+    }
+
+    /// Starts the coarse levels around the mesh.
+    fn shrink(&mut self) -> Stage {
+        let (width, disparities) = (self.width(), self.window.disparities);
+        let half = |columns: &Columns| columns.start.div_ceil(2)..columns.end / 2;
+        let (left, right) = &self.real_columns;
+        self.half.begin(
+            self.level,
+            (&self.left, &self.right),
+            (left.clone(), right.clone()),
+            disparities,
+        );
+        self.quarter.begin(
+            self.level,
+            self.half.planes(),
+            (half(left), half(right)),
+            disparities / 2,
+        );
+        self.quarter.centre_on_map(&self.interpolated, width, 4);
+        Stage::Quarter { part: 0 }
+    }
+
+    fn enlarge(&mut self) {
+        let (width, max_fixed) = (self.width(), self.window.max_fixed());
+        let (coarse, _) = self.half.result();
+        for (y, row) in self.disparity.chunks_exact_mut(width).enumerate() {
+            upsample::row(self.level, coarse, self.half.width(), y, row);
+            for fixed in row {
+                *fixed = (*fixed).min(max_fixed);
+            }
+        }
+    }
+
+    /// Brings the confidences up to date with what led to the rung.
+    pub(crate) fn rate(&mut self, rung: &Rung, recipe: &Recipe) {
+        let scale = CostScale {
+            half_at: recipe.half_confidence_at,
+            valid_up_to: recipe.valid_up_to,
+        };
+        let width = self.width();
+        match rung.work {
+            Work::Mesh { .. } | Work::Propagate | Work::Paper { .. } => {
+                scale.rate(self.level, &self.cost, &mut self.confidence);
+            }
+            Work::HalfBand | Work::Full => {
+                // What is known besides the cost allows a dearer match to be believed.
+                let scale = CostScale {
+                    half_at: recipe.half_confidence_at + 40,
+                    ..scale
+                };
+                let (_, certainty) = self.half.result();
+                let half_width = self.half.width();
+                let rows = self
+                    .confidence
+                    .chunks_exact_mut(width)
+                    .zip(self.cost.chunks_exact(width));
+                for (y, (confidence, costs)) in rows.enumerate() {
+                    let certainty = &certainty[y / 2 * half_width..][..half_width];
+                    let costs = (rung.work == Work::Full).then_some(costs);
+                    rate_dense(self.level, scale, certainty, costs, confidence);
+                }
+            }
         }
     }
 
     /// Writes the result so far to `out`.
-    pub(crate) fn publish(
-        &self,
-        shape: Shape,
-        params: &Params,
-        recipe: &Recipe,
-        out: &mut DisparityMap,
-    ) -> Published {
+    pub(crate) fn publish(&self, shape: Shape, params: &Params, out: &mut DisparityMap) -> Published {
         let maps = publish::Maps {
             window: self.window,
             mask: &self.gradient.mask,
             interpolated: &self.interpolated,
             disparity: &self.disparity,
-            cost: &self.cost,
+            confidence: &self.confidence,
         };
-        publish::publish(&maps, shape, params, recipe, out)
+        publish::publish(self.level, &maps, shape, params, out)
     }
 
     /// Writes the mesh to `out`, in the image's pixels and disparities.

@@ -5,6 +5,7 @@
 
 use crate::disparity::FIXED_PER_PX;
 use crate::mesh::Vertex;
+use crate::simd::{Kernel, Lanes, Level};
 
 /// Plane coefficients in disparity space: `d = a u + b v + c`, in px.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -16,6 +17,7 @@ pub(crate) struct Plane {
 
 impl Plane {
     /// Through three vertices; `None` if they lie on one line.
+    #[inline(always)]
     pub(crate) fn through([p, q, r]: &[Vertex; 3]) -> Option<Self> {
         let (qu, qv, qd) = (q.u - p.u, q.v - p.v, q.disparity - p.disparity);
         let (ru, rv, rd) = (r.u - p.u, r.v - p.v, r.disparity - p.disparity);
@@ -41,32 +43,36 @@ impl Plane {
 /// Calls `row(v, u_first, u_last)` for every scan line of a triangle; pixels on its edges are inside.
 #[expect(clippy::cast_possible_truncation, reason = "whole pixels of an image")]
 #[expect(clippy::cast_sign_loss, reason = "vertices have no negative coordinates")]
+#[inline(always)]
 pub(crate) fn scan_lines(vertices: &[Vertex; 3], mut row: impl FnMut(usize, usize, usize)) {
     let mut sorted = *vertices;
     sorted.sort_by(|p, q| p.v.total_cmp(&q.v));
     let [top, middle, bottom] = sorted;
     let (first, last) = (top.v as usize, bottom.v as usize);
-    let column = |from: &Vertex, to: &Vertex, v: f32| {
-        if to.v > from.v {
-            from.u + (to.u - from.u) * ((v - from.v) / (to.v - from.v))
-        } else {
-            from.u
-        }
-    };
+    // Columns a row; what is divided by zero is not used.
+    let slope = |from: &Vertex, to: &Vertex| (to.u - from.u) / (to.v - from.v);
+    let (long, upper, lower) = (
+        slope(&top, &bottom),
+        slope(&top, &middle),
+        slope(&middle, &bottom),
+    );
     for y in first..=last {
         let v = y as f32;
-        let long = column(&top, &bottom, v);
-        // Rows through the middle vertex belong to both short edges; a horizontal edge is then covered whole.
-        let (mut left, mut right) = (long, long);
-        let mut widen = |u: f32| (left, right) = (left.min(u), right.max(u));
-        if v <= middle.v {
-            widen(column(&top, &middle, v));
-        }
-        if v >= middle.v {
-            widen(column(&middle, &bottom, v));
-        }
+        let one = if first == last {
+            bottom.u
+        } else {
+            top.u + long * (v - top.v)
+        };
+        let other = if v < middle.v {
+            top.u + upper * (v - top.v)
+        } else if v > middle.v {
+            middle.u + lower * (v - middle.v)
+        } else {
+            middle.u
+        };
+        let (mut left, mut right) = (one.min(other), one.max(other));
         if first == last {
-            widen(bottom.u);
+            (left, right) = (left.min(top.u), right.max(top.u));
         }
         // Rounding must not lose a pixel that lies exactly on an edge.
         let (from, to) = (
@@ -79,25 +85,60 @@ pub(crate) fn scan_lines(vertices: &[Vertex; 3], mut row: impl FnMut(usize, usiz
     }
 }
 
-/// Fills the triangle's pixels of `map` (rows of `width`) with its plane, in 1/64 px, kept within 0..=`max_fixed`.
-#[expect(clippy::cast_possible_truncation, reason = "clamped to 16 bit before")]
-#[expect(clippy::cast_sign_loss, reason = "clamped to 0 and more before")]
-pub(crate) fn fill(map: &mut [u16], width: usize, vertices: &[Vertex; 3], max_fixed: u16) {
-    let Some(plane) = Plane::through(vertices) else {
-        return;
-    };
-    // 16 more fractional bits, so that the step along a row is exact enough for the widest image.
-    let scale = f32::from(FIXED_PER_PX) * 65536.0;
-    let step = (plane.a * scale) as i32;
-    let max = i32::from(max_fixed) << 16;
-    scan_lines(vertices, |y, from, to| {
-        let first = plane.a * from as f32 + plane.b * y as f32 + plane.c;
-        let mut value = (first * scale) as i32 + 32768;
-        for pixel in &mut map[y * width + from..=y * width + to] {
-            *pixel = (value.clamp(0, max) >> 16) as u16;
-            value = value.wrapping_add(step);
-        }
+/// Fills the triangles' pixels of `map` (rows of `width`) with their planes, in 1/64 px, kept within 0..=`max_fixed`.
+pub(crate) fn fill(
+    level: Level,
+    map: &mut [u16],
+    width: usize,
+    triangles: impl Iterator<Item = [Vertex; 3]>,
+    max_fixed: u16,
+) {
+    level.run(Fill {
+        map,
+        width,
+        triangles,
+        max_fixed,
     });
+}
+
+struct Fill<'a, T> {
+    map: &'a mut [u16],
+    width: usize,
+    triangles: T,
+    max_fixed: u16,
+}
+
+impl<T: Iterator<Item = [Vertex; 3]>> Kernel for Fill<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    #[expect(clippy::cast_possible_truncation, reason = "clamped to 16 bit before")]
+    fn run<L: Lanes>(self, lanes: L) {
+        let Self {
+            map,
+            width,
+            triangles,
+            max_fixed,
+        } = self;
+        // 16 more fractional bits, so that the step along a row is exact enough for the widest image.
+        let scale = f32::from(FIXED_PER_PX) * 65536.0;
+        let max = i32::from(max_fixed) << 16;
+        for vertices in triangles {
+            let Some(plane) = Plane::through(&vertices) else {
+                continue;
+            };
+            let step = (plane.a * scale) as i32;
+            scan_lines(&vertices, |y, from, to| {
+                let first = plane.a * from as f32 + plane.b * y as f32 + plane.c;
+                lanes.ramp(
+                    &mut map[y * width + from..=y * width + to],
+                    (first * scale) as i32 + 32768,
+                    step,
+                    max,
+                );
+            });
+        }
+    }
 }
 
 #[cfg(test)]

@@ -29,6 +29,10 @@ pub(crate) enum Work {
     },
     /// Badly explained pixels try their neighbours' disparities.
     Propagate,
+    /// Semi-global matching in a band around the mesh at a quarter of the resolution, and around its result at half.
+    HalfBand,
+    /// The half resolution result tested a pixel to either side at full resolution, and smoothed.
+    Full,
     /// One iteration of the paper: validate the mesh, keeping for the next iteration the best (C_g) and worst (C_b) pixel
     /// of each cell of the occupancy grid.
     Paper {
@@ -59,8 +63,8 @@ pub(crate) struct Recipe {
     pub(crate) confident_below: u8,
     /// Cost of half the full confidence: the border of the confident subset.
     pub(crate) half_confidence_at: u8,
-    /// Probability of being right within 3 px over the cost, as measured on KITTI 2012.
-    pub(crate) probability: Curve,
+    /// Share of the mask's pixels that are right within 3 px over their mean confidence, measured on KITTI 2012.
+    pub(crate) estimate: Curve,
     pub(crate) rungs: &'static [Rung],
 }
 
@@ -80,7 +84,8 @@ const fn paper(name: &'static str, occupancy_px: usize) -> Rung {
     }
 }
 
-static DEFAULT: Recipe = Recipe {
+/// What the presets that start from our mesh have in common.
+const MESH: Recipe = Recipe {
     pattern: Pattern::Sparse9x7,
     detector: Detector::StrongestPerCell,
     search: Search {
@@ -98,16 +103,28 @@ static DEFAULT: Recipe = Recipe {
     valid_up_to: 125,
     confident_below: 62,
     half_confidence_at: 75,
-    probability: &[
-        (0, 0.965),
-        (30, 0.955),
-        (40, 0.92),
-        (56, 0.85),
-        (75, 0.7),
-        (90, 0.45),
-        (105, 0.25),
-        (125, 0.2),
+    estimate: &[(0.0, 0.0), (90.0, 0.7), (160.0, 0.87), (254.0, 0.99)],
+    rungs: &[mesh("mesh-16", 16)],
+};
+
+static DEFAULT: Recipe = Recipe {
+    rungs: &[
+        mesh("mesh", 16),
+        Rung {
+            name: "half",
+            work: Work::HalfBand,
+            window: Window::Side5,
+        },
+        Rung {
+            name: "full",
+            work: Work::Full,
+            window: Window::Side5,
+        },
     ],
+    ..MESH
+};
+
+static FAST: Recipe = Recipe {
     rungs: &[
         mesh("mesh-16", 16),
         mesh("mesh-8", 8),
@@ -118,6 +135,7 @@ static DEFAULT: Recipe = Recipe {
             window: Window::Side7,
         },
     ],
+    ..MESH
 };
 
 static PAPER: Recipe = Recipe {
@@ -134,16 +152,7 @@ static PAPER: Recipe = Recipe {
     valid_up_to: 125,
     confident_below: 42,
     half_confidence_at: 75,
-    probability: &[
-        (0, 0.965),
-        (30, 0.955),
-        (40, 0.92),
-        (56, 0.85),
-        (75, 0.7),
-        (90, 0.45),
-        (105, 0.25),
-        (125, 0.2),
-    ],
+    estimate: &[(0.0, 0.0), (90.0, 0.7), (160.0, 0.87), (254.0, 0.99)],
     rungs: &[
         paper("grid-32", 32),
         paper("grid-16", 16),
@@ -158,6 +167,7 @@ impl Recipe {
     pub(crate) fn of(preset: Preset) -> &'static Self {
         match preset {
             Preset::Default => &DEFAULT,
+            Preset::Fast => &FAST,
             Preset::Paper => &PAPER,
         }
     }

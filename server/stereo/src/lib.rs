@@ -52,15 +52,18 @@
 //! }
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
-#![forbid(unsafe_code)]
 
+mod band;
 mod census;
+mod certainty;
+mod coarse;
 mod confidence;
 mod cost;
 mod disparity;
 mod epipolar;
 mod error;
 mod fast;
+mod fill;
 mod fork_join;
 mod frame;
 mod gradient;
@@ -77,9 +80,17 @@ mod propagate;
 mod publish;
 #[cfg(test)]
 mod scene;
+#[expect(
+    unsafe_code,
+    reason = "dispatch to detected instruction sets, and their loads and stores"
+)]
 mod simd;
+mod smooth;
+mod speckle;
 mod support;
 mod triangulation;
+mod upsample;
+mod winner;
 
 pub use disparity::{DisparityMap, FIXED_PER_PX};
 pub use error::{MatchError, ParamsError};

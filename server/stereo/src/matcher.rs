@@ -11,6 +11,7 @@
 //! ```
 //! The caller may stop after any step: the output always holds the last finished rung.
 
+use crate::confidence;
 use crate::disparity::DisparityMap;
 use crate::error::{MatchError, ParamsError};
 use crate::fork_join::ForkJoin;
@@ -73,7 +74,7 @@ impl Matcher {
         params.validate(shape)?;
         let recipe = Recipe::of(params.preset);
         let mut frame = Frame::default();
-        frame.reshape(shape, &params, recipe);
+        frame.reshape(level, shape, &params, recipe);
         Ok(Self {
             level,
             shape,
@@ -93,7 +94,7 @@ impl Matcher {
     pub fn reconfigure(&mut self, shape: Shape, params: Params) -> Result<(), ParamsError> {
         params.validate(shape)?;
         self.recipe = Recipe::of(params.preset);
-        self.frame.reshape(shape, &params, self.recipe);
+        self.frame.reshape(self.level, shape, &params, self.recipe);
         (self.shape, self.params) = (shape, params);
         (self.rungs_done, self.quality) = (0, NOTHING_YET);
         Ok(())
@@ -127,19 +128,41 @@ impl Matcher {
         out: &mut DisparityMap,
         join: &dyn ForkJoin,
     ) -> Result<Progress, MatchError> {
+        self.base_by_stage(pair, out, join, &mut |_| ())
+    }
+
+    /// The same, calling `after` with the name of every stage when it is done: for benchmarks, which have a clock.
+    ///
+    /// # Errors
+    /// As [`Self::base`].
+    pub fn base_by_stage(
+        &mut self,
+        pair: StereoPair<'_>,
+        out: &mut DisparityMap,
+        join: &dyn ForkJoin,
+        after: &mut dyn FnMut(&'static str),
+    ) -> Result<Progress, MatchError> {
         let got = (pair.left().width_px(), pair.left().height_px());
         let expected = (self.shape.width_px(), self.shape.height_px());
         if got != expected {
             return Err(MatchError::WrongShape { expected, got });
         }
-        (self.rungs_done, self.stage) = (0, Stage::Choose);
-        self.frame.begin(pair, self.recipe);
+        (self.rungs_done, self.stage, self.quality) = (0, Stage::Choose, NOTHING_YET);
+        self.frame.begin(pair, self.recipe, after);
         loop {
-            match self.step(out, join) {
-                Progress::Working => {}
-                done => return Ok(done),
+            let stage = self.next_stage();
+            let progress = self.step(out, join);
+            after(stage);
+            if progress != Progress::Working {
+                return Ok(progress);
             }
         }
+    }
+
+    /// Name of the stage that the next step belongs to.
+    #[must_use]
+    pub fn next_stage(&self) -> &'static str {
+        self.stage.name()
     }
 
     /// One bounded step towards the next rung. `pair` is the one given to [`Self::base`]; without a `base` before, nothing
@@ -168,7 +191,8 @@ impl Matcher {
                 Progress::Working
             }
             None => {
-                let published = self.frame.publish(self.shape, &self.params, self.recipe, out);
+                self.frame.rate(rung, self.recipe);
+                let published = self.frame.publish(self.shape, &self.params, out);
                 self.finish_rung(&published)
             }
         }
@@ -180,7 +204,9 @@ impl Matcher {
         self.quality = Quality {
             rung: u8::try_from(self.rungs_done).unwrap_or(u8::MAX),
             density: published.density,
-            estimate: published.estimate,
+            // Confidences of one kind of rung never fall; between kinds the scale may.
+            estimate: confidence::at(self.recipe.estimate, published.mean_confidence)
+                .max(self.quality.estimate),
         };
         if self.rungs_done == self.recipe.rungs.len() {
             Progress::Converged(self.quality)

@@ -63,6 +63,8 @@ pub enum Preset {
     /// Our best.
     #[default]
     Default,
+    /// Mesh iterations alone: the first answers soonest.
+    Fast,
     /// The paper to the letter.
     Paper,
 }
@@ -95,6 +97,15 @@ impl Default for Params {
 }
 
 impl Params {
+    /// Mesh iterations alone, with our supports, costs and resampling.
+    #[must_use]
+    pub fn fast() -> Self {
+        Self {
+            preset: Preset::Fast,
+            ..Self::default()
+        }
+    }
+
     /// The paper to the letter (Pillai, Ramalingam, Leonard, ICRA 2016).
     #[must_use]
     pub fn paper() -> Self {

@@ -1,10 +1,11 @@
 //! A byte plane with margins, so that no kernel has a border branch.
 
 use crate::image::GrayView;
+use crate::simd::{Kernel, Lanes, Level};
 
-/// Columns of margin that every plane has at least, on both sides: the reach of census (4), matching taps (4) and the
-/// one-pixel tests, together.
-pub(crate) const MARGIN_X: usize = 16;
+/// Columns of margin that every plane has at least, on both sides, at full resolution; a quarter of it at a quarter: room
+/// for census (4), matching taps (4) and the one-pixel tests together, or for the labels of a band (16).
+pub(crate) const MARGIN_X: usize = 64;
 /// Rows of margin above and below.
 pub(crate) const MARGIN_Y: usize = 8;
 
@@ -83,6 +84,58 @@ impl Plane {
             row[..before].fill(source[0]);
             row[before..before + inside].copy_from_slice(&source[from..from + inside]);
             row[before + inside..].fill(source[source.len() - 1]);
+        }
+    }
+
+    /// Becomes `source` at half its resolution: means of two by two pixels, margins included.
+    pub(crate) fn halve(&mut self, level: Level, source: &Self) {
+        let margin_left = source.margin_left / 2;
+        let (width, height) = (source.width.div_ceil(2), source.height.div_ceil(2));
+        self.reshape(
+            width,
+            height,
+            margin_left,
+            source.stride / 2 - margin_left - width,
+        );
+        let last = source.height + 2 * MARGIN_Y - 2;
+        for (y, row) in self.data.chunks_exact_mut(self.stride).enumerate() {
+            // Both planes have the same rows of margin; what lies further out repeats the outermost.
+            let first = (2 * y).saturating_sub(MARGIN_Y).min(last);
+            level.run(Halve {
+                upper: source.padded_row(first),
+                lower: source.padded_row(first + 1),
+                row,
+            });
+        }
+    }
+}
+
+struct Halve<'a> {
+    upper: &'a [u8],
+    lower: &'a [u8],
+    row: &'a mut [u8],
+}
+
+impl Kernel for Halve<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, _: L) {
+        let pairs = self
+            .upper
+            .as_chunks::<2>()
+            .0
+            .iter()
+            .zip(self.lower.as_chunks::<2>().0);
+        for (mean, (upper, lower)) in self.row.iter_mut().zip(pairs) {
+            let sum = [upper[0], upper[1], lower[0], lower[1]]
+                .map(u16::from)
+                .iter()
+                .sum::<u16>();
+            #[expect(clippy::cast_possible_truncation, reason = "a mean of bytes")]
+            {
+                *mean = ((sum + 2) / 4) as u8;
+            }
         }
     }
 }

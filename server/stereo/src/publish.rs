@@ -1,11 +1,10 @@
 //! Writes a rung's result: disparities of the pixels asked for, their confidence, and what is known about the whole.
 
-use crate::confidence;
 use crate::disparity::{DisparityMap, FIXED_PER_PX};
 use crate::frame::Window;
 use crate::image::{Roi, Shape};
-use crate::ladder::Recipe;
 use crate::params::{Density, Params};
+use crate::simd::{Kernel, Lanes, Level};
 
 /// The window's maps.
 #[derive(Debug)]
@@ -14,94 +13,145 @@ pub(crate) struct Maps<'a> {
     pub(crate) mask: &'a [u8],
     pub(crate) interpolated: &'a [u16],
     pub(crate) disparity: &'a [u16],
-    pub(crate) cost: &'a [u8],
+    /// 0 where `disparity` is not validated.
+    pub(crate) confidence: &'a [u8],
 }
 
-/// See [`Quality`](crate::Quality).
-#[derive(Debug, Clone, Copy)]
+/// What was published.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(crate) struct Published {
+    /// Share of the pixels asked for that have a disparity.
     pub(crate) density: f32,
-    pub(crate) estimate: f32,
+    /// Mean confidence of the mask's pixels, 0..=254, whatever was asked for.
+    pub(crate) mean_confidence: f32,
 }
 
 /// Fills `out`: in the region of interest, pixels that are validated get their disparity; dense output gets the mesh's
 /// plane, with confidence 0, where there is none.
 pub(crate) fn publish(
+    level: Level,
     maps: &Maps<'_>,
     shape: Shape,
     params: &Params,
-    recipe: &Recipe,
     out: &mut DisparityMap,
 ) -> Published {
-    let valid_up_to = recipe.valid_up_to;
     let roi = params.roi.unwrap_or(Roi::full(shape));
-    if roi == Roi::full(shape) && out.shape() == shape {
-        // Every pixel is written below.
-    } else {
+    if roi != Roi::full(shape) || out.shape() != shape {
         out.reset(shape);
     }
-    let window = maps.window.roi;
-    let dense = params.density == Density::Dense;
-    let offset = params.range.min_px * FIXED_PER_PX;
-    #[expect(clippy::cast_possible_truncation, reason = "between 0 and 255")]
-    #[expect(clippy::cast_sign_loss, reason = "between 0 and 255")]
-    let least_confidence = (255.0 * params.min_confidence).ceil() as u8;
-    let confidence_of: [u8; 256] = std::array::from_fn(|cost| {
-        confidence::confidence(
-            u8::try_from(cost).unwrap_or(u8::MAX),
-            recipe.half_confidence_at,
-            valid_up_to,
-        )
-    });
-    let (fixed, confidence) = out.parts_mut();
-    let (mut asked, mut answered) = (0usize, 0usize);
-    // Mask pixels by cost, for the estimate.
-    let mut histogram = [0u32; 256];
-    for y in roi.y..roi.y + roi.height {
-        let from = (y - window.y) * window.width + roi.x - window.x;
-        let span = from..from + roi.width;
-        let (mask, cost) = (&maps.mask[span.clone()], &maps.cost[span.clone()]);
-        let (interpolated, disparity) = (&maps.interpolated[span.clone()], &maps.disparity[span]);
-        let target = y * shape.width_px() + roi.x;
-        let fixed = &mut fixed[target..target + roi.width];
-        let confidence = &mut confidence[target..target + roi.width];
-        for x in 0..roi.width {
-            let valid = cost[x] <= valid_up_to;
-            let sure = if valid {
-                confidence_of[usize::from(cost[x])]
-            } else {
-                0
+    level.run(Publish {
+        maps,
+        roi,
+        params,
+        out,
+    })
+}
+
+struct Publish<'a> {
+    maps: &'a Maps<'a>,
+    roi: Roi,
+    params: &'a Params,
+    out: &'a mut DisparityMap,
+}
+
+impl Kernel for Publish<'_> {
+    type Output = Published;
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, _: L) -> Published {
+        let Self {
+            maps,
+            roi,
+            params,
+            out,
+        } = self;
+        let window = maps.window.roi;
+        let image_width = out.shape().width_px();
+        #[expect(clippy::cast_possible_truncation, reason = "between 0 and 255")]
+        #[expect(clippy::cast_sign_loss, reason = "between 0 and 255")]
+        let rule = Rule {
+            everything: u8::from(params.density == Density::Dense),
+            least_confidence: (255.0 * params.min_confidence).ceil() as u8,
+            offset: params.range.min_px * FIXED_PER_PX,
+        };
+        let (fixed, confidence) = out.parts_mut();
+        let mut all = Counts::default();
+        for y in roi.y..roi.y + roi.height {
+            let from = (y - window.y) * window.width + roi.x - window.x;
+            let span = from..from + roi.width;
+            let target = y * image_width + roi.x;
+            let row = Row {
+                mask: &maps.mask[span.clone()],
+                interpolated: &maps.interpolated[span.clone()],
+                disparity: &maps.disparity[span.clone()],
+                confidence: &maps.confidence[span],
             };
-            let wanted = dense || mask[x] != 0;
-            let kept = wanted && (dense || valid) && sure >= least_confidence;
-            let value = (if valid { disparity[x] } else { interpolated[x] } + offset).max(1);
-            fixed[x] = if kept { value } else { 0 };
-            confidence[x] = if kept { sure } else { 0 };
-            asked += usize::from(wanted);
-            answered += usize::from(kept);
-            histogram[usize::from(cost[x])] += u32::from(mask[x]);
+            let counts = rule.write_row(
+                &row,
+                &mut fixed[target..target + roi.width],
+                &mut confidence[target..target + roi.width],
+            );
+            all.asked += counts.asked;
+            all.answered += counts.answered;
+            all.textured += counts.textured;
+            all.confidence += counts.confidence;
         }
-    }
-    Published {
-        density: share(answered, asked),
-        estimate: estimate(&histogram, recipe),
+        Published {
+            density: share(all.answered, all.asked),
+            mean_confidence: share(all.confidence, all.textured),
+        }
     }
 }
 
-/// Mean probability of being right over the mask's pixels; what is not validated counts as wrong.
-fn estimate(histogram: &[u32; 256], recipe: &Recipe) -> f32 {
-    let (mut all, mut right) = (0.0, 0.0);
-    for (&pixels, cost) in histogram.iter().zip(0..=u8::MAX) {
-        let pixels = pixels as f32;
-        all += pixels;
-        if cost <= recipe.valid_up_to {
-            right += pixels * confidence::at(recipe.probability, cost);
-        }
-    }
-    if all > 0.0 { right / all } else { 0.0 }
+struct Row<'a> {
+    mask: &'a [u8],
+    interpolated: &'a [u16],
+    disparity: &'a [u16],
+    confidence: &'a [u8],
 }
 
-fn share(part: usize, whole: usize) -> f32 {
+#[derive(Default)]
+struct Counts {
+    asked: u32,
+    answered: u32,
+    textured: u32,
+    /// Sum over the mask; below 2^32 for 4096 x 4096 pixels.
+    confidence: u32,
+}
+
+struct Rule {
+    /// 1 if pixels outside the mask and without validation are wanted too.
+    everything: u8,
+    least_confidence: u8,
+    offset: u16,
+}
+
+impl Rule {
+    #[inline(always)]
+    fn write_row(&self, row: &Row<'_>, fixed: &mut [u16], confidence: &mut [u8]) -> Counts {
+        let width = fixed.len();
+        let (mask, sure) = (&row.mask[..width], &row.confidence[..width]);
+        let (interpolated, disparity) = (&row.interpolated[..width], &row.disparity[..width]);
+        let confidence = &mut confidence[..width];
+        let mut counts = Counts::default();
+        for x in 0..width {
+            let valid = u8::from(sure[x] > 0);
+            let wanted = mask[x] | self.everything;
+            let kept = wanted & (valid | self.everything) & u8::from(sure[x] >= self.least_confidence);
+            confidence[x] = sure[x] & kept.wrapping_neg();
+            counts.asked += u32::from(wanted);
+            counts.answered += u32::from(kept);
+            counts.textured += u32::from(mask[x]);
+            counts.confidence += u32::from(sure[x] & mask[x].wrapping_neg());
+            let valid = u16::from(valid).wrapping_neg();
+            let value = (disparity[x] & valid) | (interpolated[x] & !valid);
+            fixed[x] = (value + self.offset).max(1) & u16::from(kept).wrapping_neg();
+        }
+        counts
+    }
+}
+
+fn share(part: u32, whole: u32) -> f32 {
     if whole == 0 {
         0.0
     } else {

@@ -3,6 +3,7 @@
 use crate::census::{Census, Pattern};
 use crate::image::GrayView;
 use crate::plane::{MARGIN_X, Plane};
+use crate::simd::Level;
 
 /// Reproducible noise (xorshift).
 pub(crate) struct Noise(u64);
@@ -110,7 +111,12 @@ impl Views {
             plane.copy_from(&image.view(), x.cast_signed(), 0);
             census.reshape(pattern, &plane, mirrored);
             let end = (image.width + margins[0] - x).min(plane.stride());
-            census.compute(pattern, &plane, margins[0].saturating_sub(x)..end);
+            census.compute(
+                Level::detect(),
+                pattern,
+                &plane,
+                margins[0].saturating_sub(x)..end,
+            );
             (plane, census)
         };
         let (_, left) = prepare(left, [MARGIN_X, far], false);

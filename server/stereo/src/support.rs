@@ -1,6 +1,7 @@
 //! Support points: which pixels are searched for, and which matches are kept.
 
 use crate::gradient::Gradient;
+use crate::simd::{Kernel, Lanes, Level};
 
 /// A pixel of the left view to be searched for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -25,21 +26,6 @@ const MIN_STRENGTH: u8 = 4;
 /// Candidates keep this distance from the border, so that every tap sees real pixels.
 pub(crate) const BORDER_PX: usize = 4;
 
-/// The best pixel of a cell so far.
-#[derive(Debug, Clone, Copy)]
-struct Strongest {
-    strength: u8,
-    at: Candidate,
-    /// Pixels that count.
-    eligible: usize,
-}
-
-const NONE_YET: Strongest = Strongest {
-    strength: 0,
-    at: Candidate { x: 0, y: 0 },
-    eligible: 0,
-};
-
 /// Pixels that the mesh does not explain: those with a cost above a limit.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Unexplained<'a> {
@@ -56,43 +42,85 @@ pub(crate) struct Unexplained<'a> {
 /// With `unexplained`, only those pixels count, and only cells with at least `cell_px / 2` of them. This is the paper's
 /// C_b with another choice within the cell: the pixel that can be matched best, not the one that matches worst.
 pub(crate) fn strongest_per_cell(
+    level: Level,
     gradient: &Gradient,
-    (width, height): (usize, usize),
+    size: (usize, usize),
     cell_px: usize,
     unexplained: Option<Unexplained<'_>>,
     found: &mut Vec<Candidate>,
 ) {
-    found.clear();
-    let enough = if unexplained.is_some() { cell_px / 2 } else { 1 };
-    let mut cells = vec![NONE_YET; width.div_ceil(cell_px)];
-    for (row_of_cells, top) in (0..height).step_by(cell_px).enumerate() {
-        cells.fill(NONE_YET);
-        for y in top.max(BORDER_PX)..(top + cell_px).min(height - BORDER_PX) {
-            let row = y * width..(y + 1) * width;
-            let strengths = &gradient.strength[row.clone()];
-            let costs = unexplained.map(|pixels| (&pixels.cost[row], pixels.explained_up_to));
-            for (cell, left) in cells.iter_mut().zip((0..width).step_by(cell_px)) {
-                for x in left.max(BORDER_PX)..(left + cell_px).min(width - BORDER_PX) {
-                    let strength = strengths[x];
-                    if strength < MIN_STRENGTH || costs.is_some_and(|(costs, up_to)| costs[x] <= up_to) {
-                        continue;
-                    }
-                    cell.eligible += 1;
-                    if strength > cell.strength {
-                        (cell.strength, cell.at) = (strength, Candidate { x, y });
-                    }
+    level.run(Strongest {
+        gradient,
+        size,
+        cell_px,
+        unexplained,
+        found,
+    });
+}
+
+struct Strongest<'a> {
+    gradient: &'a Gradient,
+    size: (usize, usize),
+    cell_px: usize,
+    unexplained: Option<Unexplained<'a>>,
+    found: &'a mut Vec<Candidate>,
+}
+
+impl Kernel for Strongest<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, _: L) {
+        let Self {
+            gradient,
+            size: (width, height),
+            cell_px,
+            unexplained,
+            found,
+        } = self;
+        found.clear();
+        let enough = if unexplained.is_some() { cell_px / 2 } else { 1 };
+        // For every column of a row of cells: strength of the best pixel with, below it, how early its row comes; and how
+        // many pixels are eligible. Whole rows at a time, so that there is nothing to decide pixel by pixel.
+        let (mut best, mut eligible) = (vec![0u16; width], vec![0u8; width]);
+        let everything = vec![u8::MAX; if unexplained.is_some() { 0 } else { width }];
+        for (row_of_cells, top) in (0..height).step_by(cell_px).enumerate() {
+            best.fill(0);
+            eligible.fill(0);
+            for y in top.max(BORDER_PX)..(top + cell_px).min(height - BORDER_PX) {
+                let row = y * width..(y + 1) * width;
+                let strengths = &gradient.strength[row.clone()];
+                let (costs, explained_up_to) = match &unexplained {
+                    Some(pixels) => (&pixels.cost[row], pixels.explained_up_to),
+                    None => (&everything[..], 0),
+                };
+                let earliness = u16::try_from(top + cell_px - 1 - y).unwrap_or(0);
+                let columns = best
+                    .iter_mut()
+                    .zip(&mut eligible)
+                    .zip(strengths.iter().zip(costs));
+                for ((best, eligible), (strength, cost)) in columns {
+                    let counts = u8::from(*strength >= MIN_STRENGTH) & u8::from(*cost > explained_up_to);
+                    let key = (u16::from(*strength) << 8 | earliness) & u16::from(counts).wrapping_neg();
+                    *best = (*best).max(key);
+                    *eligible += counts;
                 }
             }
-        }
-        let start = found.len();
-        found.extend(
-            cells
-                .iter()
-                .filter(|cell| cell.eligible >= enough)
-                .map(|cell| cell.at),
-        );
-        if row_of_cells % 2 == 1 {
-            found[start..].reverse();
+            let start = found.len();
+            for left in (0..width).step_by(cell_px) {
+                let end = (left + cell_px).min(width - BORDER_PX);
+                let columns = left.max(BORDER_PX).min(end)..end;
+                let count: usize = eligible[columns.clone()].iter().map(|&n| usize::from(n)).sum();
+                // Of equals the first column, `max_by_key` being for the last.
+                let strongest = columns.rev().max_by_key(|&x| best[x]);
+                if let (Some(x), true) = (strongest, count >= enough) {
+                    let y = top + cell_px - 1 - usize::from(best[x] & 0xFF);
+                    found.push(Candidate { x, y });
+                }
+            }
+            if row_of_cells % 2 == 1 {
+                found[start..].reverse();
+            }
         }
     }
 }

@@ -1,8 +1,9 @@
 use proptest::prelude::*;
 
-use super::{Census, OUTSIDE, Pattern};
+use super::{Census, OUTSIDE, Pattern, REACH_PX};
 use crate::plane::MARGIN_X;
 use crate::scene::{Image, Noise, code};
+use crate::simd::Level;
 
 #[test]
 fn patterns_compare_each_neighbour_once() {
@@ -38,10 +39,10 @@ proptest! {
         let plane = image.padded(MARGIN_X + before, MARGIN_X + after);
         let mut census = Census::default();
         census.reshape(pattern, &plane, mirrored);
-        census.compute(pattern, &plane, first..end);
+        census.compute(Level::detect(), pattern, &plane, first..end);
         prop_assert_eq!(census.planes().len() * 8, pattern.bits());
         // The outermost half margins have no codes: their neighbours may not exist.
-        let coded = first.max(MARGIN_X / 2)..end.min(plane.stride() - MARGIN_X / 2);
+        let coded = first.max(REACH_PX)..end.min(plane.stride() - REACH_PX);
         for (p, neighbours) in pattern.planes().iter().enumerate() {
             for (column, y) in (0..plane.stride()).flat_map(|column| (0..height).map(move |y| (column, y))) {
                 let (x, row) = (column.cast_signed() - plane.margin_left().cast_signed(), y.cast_signed());
@@ -65,7 +66,7 @@ fn a_mirrored_row_runs_from_right_to_left() {
     let [straight, mirrored] = [false, true].map(|mirrored| {
         let mut census = Census::default();
         census.reshape(Pattern::Sparse9x7, &plane, mirrored);
-        census.compute(Pattern::Sparse9x7, &plane, 0..plane.stride());
+        census.compute(Level::detect(), Pattern::Sparse9x7, &plane, 0..plane.stride());
         census
     });
     for (straight, mirrored) in straight.planes().iter().zip(mirrored.planes()) {

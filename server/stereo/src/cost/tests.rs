@@ -3,6 +3,7 @@ use proptest::prelude::*;
 use super::{Best, COST_OF_ALL_BITS, Evaluation, Scratch, Window};
 use crate::census::Pattern;
 use crate::scene::{Image, Noise, Views, code};
+use crate::simd::Level;
 
 const PATTERN: Pattern = Pattern::Sparse9x7;
 
@@ -89,7 +90,7 @@ proptest! {
             .map(|_| u16::try_from(lowest + noise.below(spread.min(most - lowest))).unwrap())
             .collect();
         let window = if is_large { Window::Side7 } else { Window::Side5 };
-        let evaluation = Evaluation { left: &codes.left, right: &codes.right, candidates: &candidates, width, height, window };
+        let evaluation = Evaluation { level: Level::detect(), left: &codes.left, right: &codes.right, candidates: &candidates, width, height, window };
         let before = Maps {
             disparity: noise.words(width * height, most),
             cost: noise.bytes(width * height, costs_before),
@@ -118,6 +119,7 @@ fn the_true_disparity_costs_nothing_and_replaces_what_costs_more() {
         for window in [Window::Side5, Window::Side7] {
             let candidates = vec![candidate; 80 * 40];
             let evaluation = Evaluation {
+                level: Level::detect(),
                 left: &codes.left,
                 right: &codes.right,
                 candidates: &candidates,

@@ -3,6 +3,8 @@ use proptest::prelude::*;
 use super::{QUINCUNX, Search, Views, WINDOW_5X5};
 use crate::census::Pattern;
 use crate::scene::{self, Image, Noise, code};
+use crate::simd::Level;
+use crate::support::Candidate;
 
 const STRICT: Search = Search {
     taps: QUINCUNX,
@@ -54,7 +56,9 @@ impl Scene {
             disparities: self.disparities,
             columns_before: self.columns_before,
         };
-        search.disparity_px(&views, x, y)
+        let mut found = Vec::new();
+        search.search(Level::detect(), &views, &[Candidate { x, y }], &mut found);
+        found.first().map(|support| support.disparity_px)
     }
 
     /// Differing bits between the left view around `left_x` and the right view around `right_x`.

@@ -4,6 +4,7 @@ use crate::image::{Shape, StereoPair};
 use crate::ladder::Recipe;
 use crate::params::{DisparityRange, Params, Preset};
 use crate::scene::{Image, Noise};
+use crate::simd::Level;
 
 /// A wall that comes nearer to the right, until it is beyond the range.
 #[test]
@@ -14,15 +15,24 @@ fn disparities_stay_within_the_range_where_the_scene_leaves_it() {
     let left = Image::from_fn(width, height, |x, y| {
         texture.at(x.cast_signed() - (x / 12).cast_signed(), y.cast_signed())
     });
-    for preset in [Preset::Default, Preset::Paper] {
+    for preset in [Preset::Default, Preset::Fast, Preset::Paper] {
         let params = Params {
             preset,
             range: DisparityRange { min_px: 0, count: 16 },
             ..Params::default()
         };
         let (recipe, mut frame) = (Recipe::of(preset), Frame::default());
-        frame.reshape(Shape::new(width, height).unwrap(), &params, recipe);
-        frame.begin(StereoPair::new(left.view(), right.view()).unwrap(), recipe);
+        frame.reshape(
+            Level::detect(),
+            Shape::new(width, height).unwrap(),
+            &params,
+            recipe,
+        );
+        frame.begin(
+            StereoPair::new(left.view(), right.view()).unwrap(),
+            recipe,
+            &mut |_| (),
+        );
         for rung in recipe.rungs {
             let mut stage = Some(Stage::Choose);
             while let Some(next) = stage {

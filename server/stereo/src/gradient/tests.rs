@@ -3,6 +3,7 @@ use proptest::prelude::*;
 use super::Gradient;
 use crate::plane::MARGIN_X;
 use crate::scene::{Image, Noise};
+use crate::simd::Level;
 
 /// Correlation with a 3x3 kernel.
 fn correlate(image: &Image, kernel: [[i32; 3]; 3], x: usize, y: usize) -> i32 {
@@ -18,7 +19,7 @@ fn correlate(image: &Image, kernel: [[i32; 3]; 3], x: usize, y: usize) -> i32 {
 fn gradient(image: &Image) -> Gradient {
     let mut gradient = Gradient::default();
     gradient.reshape(image.width, image.height);
-    gradient.compute(&image.padded(MARGIN_X, MARGIN_X));
+    gradient.compute(Level::detect(), &image.padded(MARGIN_X, MARGIN_X));
     gradient
 }
 

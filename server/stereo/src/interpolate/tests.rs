@@ -2,6 +2,7 @@ use proptest::prelude::*;
 
 use super::{Plane, fill, scan_lines};
 use crate::mesh::Vertex;
+use crate::simd::Level;
 
 /// Column, row, and disparity in 1/64 px.
 type Corner = (u16, u16, u16);
@@ -76,7 +77,7 @@ proptest! {
         // Slivers thinner than 2 px have next to no pixels of their own, and planes of any steepness.
         prop_assume!(twice_area.abs() >= 2.0 * longest);
         let mut map = vec![u16::MAX; 300 * 300];
-        fill(&mut map, 300, &corners.map(vertex), 255 * 64);
+        fill(Level::detect(), &mut map, 300, [corners.map(vertex)].into_iter(), 255 * 64);
         for &(u, v, fixed) in &corners {
             prop_assert_eq!(map[usize::from(v) * 300 + usize::from(u)], fixed);
         }
@@ -121,7 +122,7 @@ fn vertices_on_one_line_have_no_plane_and_fill_nothing() {
     let line = [(2, 2, 64), (6, 4, 128), (10, 6, 0)].map(vertex);
     assert_eq!(Plane::through(&line), None);
     let mut map = vec![77; 16 * 16];
-    fill(&mut map, 16, &line, 1000);
+    fill(Level::detect(), &mut map, 16, [line].into_iter(), 1000);
     assert!(map.iter().all(|&fixed| fixed == 77));
 }
 
@@ -130,7 +131,7 @@ fn disparities_are_kept_within_the_range() {
     let corners = [(0.0, 0.0, -3.0), (15.0, 0.0, 12.0), (0.0, 15.0, -3.0)];
     let vertices = corners.map(|(u, v, disparity)| Vertex { u, v, disparity });
     let mut map = vec![u16::MAX; 16 * 16];
-    fill(&mut map, 16, &vertices, 5 * 64);
+    fill(Level::detect(), &mut map, 16, [vertices].into_iter(), 5 * 64);
     assert_eq!(map[..6], [0, 0, 0, 0, 64, 128]);
     assert_eq!(map[7..16], [256, 320, 320, 320, 320, 320, 320, 320, 320]);
 }

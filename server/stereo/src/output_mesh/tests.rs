@@ -5,6 +5,7 @@ use crate::image::Roi;
 use crate::interpolate::fill;
 use crate::mesh::{Mesh, MeshParams};
 use crate::scene::Noise;
+use crate::simd::Level;
 use crate::support::Support;
 use crate::triangulation::Triangulation;
 
@@ -27,7 +28,13 @@ impl Scene {
         triangulation.rebuild(supports, WIDTH, HEIGHT);
         let mut interpolated = vec![0; WIDTH * HEIGHT];
         for triangle in triangulation.triangles_from(0) {
-            fill(&mut interpolated, WIDTH, &triangle.vertices, 255 * FIXED_PER_PX);
+            fill(
+                Level::detect(),
+                &mut interpolated,
+                WIDTH,
+                [triangle.vertices].into_iter(),
+                255 * FIXED_PER_PX,
+            );
         }
         Self {
             triangulation,

@@ -1,13 +1,12 @@
 use proptest::prelude::*;
 
 use super::{Maps, Published, publish};
-use crate::confidence;
 use crate::disparity::DisparityMap;
 use crate::frame::Window;
 use crate::image::{Roi, Shape};
-use crate::ladder::Recipe;
-use crate::params::{Density, DisparityRange, Params, Preset};
+use crate::params::{Density, DisparityRange, Params};
 use crate::scene::Noise;
+use crate::simd::Level;
 
 /// A window's maps.
 struct Scene {
@@ -16,7 +15,7 @@ struct Scene {
     mask: Vec<u8>,
     interpolated: Vec<u16>,
     disparity: Vec<u16>,
-    cost: Vec<u8>,
+    confidence: Vec<u8>,
 }
 
 impl Scene {
@@ -32,7 +31,7 @@ impl Scene {
             mask: noise.bytes(area, 2),
             interpolated: noise.words(area, 63 * 64),
             disparity: noise.words(area, 63 * 64),
-            cost: noise.bytes(area, 256),
+            confidence: noise.bytes(area, 255),
         }
     }
 
@@ -47,19 +46,15 @@ impl Scene {
             mask: &self.mask,
             interpolated: &self.interpolated,
             disparity: &self.disparity,
-            cost: &self.cost,
+            confidence: &self.confidence,
         };
         // What another frame has left behind.
         let mut out = DisparityMap::new(self.shape);
         out.parts_mut().0.fill(9);
         out.parts_mut().1.fill(9);
-        let published = publish(&maps, self.shape, params, recipe(), &mut out);
+        let published = publish(Level::detect(), &maps, self.shape, params, &mut out);
         (out, published)
     }
-}
-
-fn recipe() -> &'static Recipe {
-    Recipe::of(Preset::Default)
 }
 
 proptest! {
@@ -90,8 +85,8 @@ proptest! {
             let inside = (asked.x..asked.x + asked.width).contains(&u) && (asked.y..asked.y + asked.height).contains(&v);
             let expected = if inside {
                 let here = (v - context.y) * context.width + u - context.x;
-                let sure = confidence::confidence(scene.cost[here], recipe().half_confidence_at, recipe().valid_up_to);
-                let is_valid = scene.cost[here] <= recipe().valid_up_to;
+                let sure = scene.confidence[here];
+                let is_valid = sure > 0;
                 let is_wanted = dense || scene.mask[here] == 1;
                 let is_given = is_wanted && (dense || is_valid) && f32::from(sure) >= 255.0 * min_confidence;
                 wanted += u16::from(is_wanted);
@@ -108,16 +103,13 @@ proptest! {
 }
 
 #[test]
-fn the_estimate_is_the_masks_mean_probability_whatever_is_kept() {
+fn the_mean_confidence_is_the_masks_whatever_is_kept() {
     let mut scene = Scene::full(7);
     scene.mask.fill(0);
-    assert_eq!(scene.publish(&Params::default()).1.estimate, 0.0);
-    // Two pixels free of cost, one of cost 75, and one that is not valid.
-    for (at, cost) in [(3, 0), (900, 0), (901, 75), (2000, 126)] {
-        (scene.mask[at], scene.cost[at]) = (1, cost);
+    assert_eq!(scene.publish(&Params::default()).1.mean_confidence, 0.0);
+    for (at, confidence) in [(3, 254), (900, 254), (901, 100), (2000, 0)] {
+        (scene.mask[at], scene.confidence[at]) = (1, confidence);
     }
-    let probability = |cost| confidence::at(recipe().probability, cost);
-    let expected = (2.0 * probability(0) + probability(75)) / 4.0;
     for density in [Density::SemiDense, Density::Dense] {
         for min_confidence in [0.0, 0.9] {
             let params = Params {
@@ -125,11 +117,7 @@ fn the_estimate_is_the_masks_mean_probability_whatever_is_kept() {
                 min_confidence,
                 ..Params::default()
             };
-            let estimate = scene.publish(&params).1.estimate;
-            assert!(
-                (estimate - expected).abs() < 1e-6,
-                "{estimate} instead of {expected}"
-            );
+            assert_eq!(scene.publish(&params).1.mean_confidence, 152.0);
         }
     }
 }
@@ -142,9 +130,9 @@ fn a_map_of_another_shape_takes_the_shape_of_the_result() {
         mask: &scene.mask,
         interpolated: &scene.interpolated,
         disparity: &scene.disparity,
-        cost: &scene.cost,
+        confidence: &scene.confidence,
     };
     let mut out = DisparityMap::new(Shape::new(33, 99).unwrap());
-    publish(&maps, scene.shape, &Params::default(), recipe(), &mut out);
+    publish(Level::detect(), &maps, scene.shape, &Params::default(), &mut out);
     assert_eq!(out, scene.publish(&Params::default()).0);
 }

@@ -3,6 +3,7 @@ use proptest::prelude::*;
 use super::{Buckets, Candidate, Consistency, Support, Unexplained, strongest_per_cell};
 use crate::gradient::Gradient;
 use crate::scene::{Image, Noise};
+use crate::simd::Level;
 
 fn gradient(noise: &mut Noise, width: usize, height: usize, strengths: usize) -> Gradient {
     let mut gradient = Gradient::default();
@@ -58,7 +59,7 @@ proptest! {
         let cost = noise.bytes(width * height, 256);
         let mut found = vec![Candidate { x: 1, y: 1 }];
         let unexplained = explained_up_to.map(|explained_up_to| Unexplained { cost: &cost, explained_up_to });
-        strongest_per_cell(&gradient, (width, height), cell_px, unexplained, &mut found);
+        strongest_per_cell(Level::detect(), &gradient, (width, height), cell_px, unexplained, &mut found);
         let counts = |at: usize| explained_up_to.is_none_or(|up_to| cost[at] > up_to);
         let enough = if explained_up_to.is_some() { cell_px / 2 } else { 1 };
         prop_assert_eq!(found, expected(&gradient.strength, (width, height), cell_px, counts, enough));
@@ -113,8 +114,11 @@ fn a_flat_image_has_no_candidates() {
     let (width, height) = (64, 48);
     let mut gradient = Gradient::default();
     gradient.reshape(width, height);
-    gradient.compute(&Image::from_fn(width, height, |_, _| 90).padded(16, 16));
+    gradient.compute(
+        Level::detect(),
+        &Image::from_fn(width, height, |_, _| 90).padded(16, 16),
+    );
     let mut found = Vec::new();
-    strongest_per_cell(&gradient, (width, height), 8, None, &mut found);
+    strongest_per_cell(Level::detect(), &gradient, (width, height), 8, None, &mut found);
     assert!(found.is_empty());
 }

@@ -3,6 +3,7 @@ use proptest::prelude::*;
 use super::{CORNERS, Triangle, Triangulation};
 use crate::interpolate::{fill, scan_lines};
 use crate::scene::Noise;
+use crate::simd::Level;
 use crate::support::Support;
 
 fn draw(noise: &mut Noise, count: usize, (width, height): (usize, usize)) -> Vec<Support> {
@@ -30,7 +31,13 @@ fn coverage(mesh: &Triangulation, (width, height): (usize, usize)) -> Vec<u32> {
 
 fn rasterise(map: &mut [u16], mesh: &Triangulation, first_new: usize, width: usize) {
     for triangle in mesh.triangles_from(first_new) {
-        fill(map, width, &triangle.vertices, 255 * 64);
+        fill(
+            Level::detect(),
+            map,
+            width,
+            [triangle.vertices].into_iter(),
+            255 * 64,
+        );
     }
 }
 

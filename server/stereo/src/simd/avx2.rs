@@ -1,0 +1,215 @@
+//! AVX2: two pixels a vector.
+
+use std::arch::x86_64::{
+    __m256i, _mm_loadu_si128, _mm_storeu_si128, _mm256_add_epi8, _mm256_add_epi16, _mm256_adds_epu8,
+    _mm256_and_si256, _mm256_avg_epu8, _mm256_broadcastsi128_si256, _mm256_bslli_epi128, _mm256_bsrli_epi128,
+    _mm256_castsi256_si128, _mm256_cmpeq_epi8, _mm256_cvtepu8_epi16, _mm256_extracti128_si256,
+    _mm256_loadu_si256, _mm256_max_epu8, _mm256_min_epu8, _mm256_min_epu16, _mm256_or_si256,
+    _mm256_set_m128i, _mm256_set1_epi8, _mm256_set1_epi16, _mm256_setr_epi8, _mm256_setr_epi16,
+    _mm256_shuffle_epi8, _mm256_shuffle_epi32, _mm256_slli_epi16, _mm256_srli_epi16, _mm256_storeu_si256,
+    _mm256_sub_epi8, _mm256_subs_epu8, _mm256_xor_si256,
+};
+
+use super::Kernel;
+use super::lanes::{LABELS, Lanes};
+
+/// Whether this machine has the instructions `run` is compiled for.
+pub(super) fn is_available() -> bool {
+    is_x86_feature_detected!("avx2")
+        && is_x86_feature_detected!("bmi1")
+        && is_x86_feature_detected!("bmi2")
+        && is_x86_feature_detected!("popcnt")
+        && is_x86_feature_detected!("lzcnt")
+        && is_x86_feature_detected!("fma")
+}
+
+/// Compiles and runs `kernel` with AVX2.
+#[target_feature(enable = "avx2,bmi1,bmi2,popcnt,lzcnt,fma")]
+pub(super) fn run<K: Kernel>(kernel: K) -> K::Output {
+    kernel.run(Avx2(()))
+}
+
+/// Made in `run` only, so that it exists only where its instructions do.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Avx2(());
+
+/// 0..=15 twice.
+const ASCENDING: [u8; 32] = {
+    let mut bytes = [0; 32];
+    let mut k = 0;
+    while k < 32 {
+        #[expect(clippy::cast_possible_truncation, reason = "below 16")]
+        {
+            bytes[k] = (k % LABELS) as u8;
+        }
+        k += 1;
+    }
+    bytes
+};
+
+macro_rules! intrinsic {
+    ($name:ident, $intrinsic:ident) => {
+        #[inline(always)]
+        fn $name(self, a: __m256i, b: __m256i) -> __m256i {
+            // SAFETY: `self` proves that AVX2 is there.
+            unsafe { $intrinsic(a, b) }
+        }
+    };
+}
+
+impl Lanes for Avx2 {
+    type V = __m256i;
+    const PIXELS: usize = 2;
+
+    #[inline(always)]
+    fn load(self, from: &[u8]) -> __m256i {
+        let from = &from[..Self::BYTES];
+        // SAFETY: `self` proves that AVX2 is there; the slice has as many bytes as are read.
+        unsafe { _mm256_loadu_si256(from.as_ptr().cast()) }
+    }
+
+    #[inline(always)]
+    fn store(self, v: __m256i, to: &mut [u8]) {
+        let to = &mut to[..Self::BYTES];
+        // SAFETY: `self` proves that AVX2 is there; the slice has as many bytes as are written.
+        unsafe { _mm256_storeu_si256(to.as_mut_ptr().cast(), v) }
+    }
+
+    #[inline(always)]
+    fn load_each(self, from: &[u8], at: impl Fn(usize) -> usize) -> __m256i {
+        let (low, high) = (&from[at(0)..][..LABELS], &from[at(1)..][..LABELS]);
+        // SAFETY: `self` proves that AVX2 is there; both slices have as many bytes as are read.
+        unsafe {
+            _mm256_set_m128i(
+                _mm_loadu_si128(high.as_ptr().cast()),
+                _mm_loadu_si128(low.as_ptr().cast()),
+            )
+        }
+    }
+
+    #[inline(always)]
+    fn store_each(self, v: __m256i, to: &mut [u8], at: impl Fn(usize) -> usize) {
+        let low = &mut to[at(0)..][..LABELS];
+        // SAFETY: `self` proves that AVX2 is there; the slice has as many bytes as are written.
+        unsafe { _mm_storeu_si128(low.as_mut_ptr().cast(), _mm256_castsi256_si128(v)) };
+        let high = &mut to[at(1)..][..LABELS];
+        // SAFETY: as above.
+        unsafe { _mm_storeu_si128(high.as_mut_ptr().cast(), _mm256_extracti128_si256::<1>(v)) };
+    }
+
+    #[inline(always)]
+    fn splat(self, byte: u8) -> __m256i {
+        // SAFETY: `self` proves that AVX2 is there.
+        unsafe { _mm256_set1_epi8(byte.cast_signed()) }
+    }
+
+    #[inline(always)]
+    fn spread(self, from: &[u8]) -> __m256i {
+        let both = i16::from_le_bytes([from[0], from[1]]);
+        // SAFETY: `self` proves that AVX2 is there.
+        unsafe {
+            let which = _mm256_setr_epi8(
+                0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1,
+                1,
+            );
+            _mm256_shuffle_epi8(_mm256_set1_epi16(both), which)
+        }
+    }
+
+    intrinsic!(add, _mm256_add_epi8);
+    intrinsic!(sub, _mm256_sub_epi8);
+    intrinsic!(add_saturating, _mm256_adds_epu8);
+    intrinsic!(sub_saturating, _mm256_subs_epu8);
+    intrinsic!(max, _mm256_max_epu8);
+    intrinsic!(average, _mm256_avg_epu8);
+    intrinsic!(equal, _mm256_cmpeq_epi8);
+    intrinsic!(and, _mm256_and_si256);
+    intrinsic!(xor, _mm256_xor_si256);
+
+    #[inline(always)]
+    fn count_ones(self, v: __m256i) -> __m256i {
+        // SAFETY: `self` proves that AVX2 is there.
+        unsafe {
+            let ones = _mm256_setr_epi8(
+                0, 1, 1, 2, 1, 2, 2, 3, 1, 2, 2, 3, 2, 3, 3, 4, 0, 1, 1, 2, 1, 2, 2, 3, 1, 2, 2, 3, 2, 3, 3,
+                4,
+            );
+            let nibble = _mm256_set1_epi8(0x0F);
+            let low = _mm256_shuffle_epi8(ones, _mm256_and_si256(v, nibble));
+            let high = _mm256_shuffle_epi8(ones, _mm256_and_si256(_mm256_srli_epi16::<4>(v), nibble));
+            _mm256_add_epi8(low, high)
+        }
+    }
+
+    #[inline(always)]
+    fn shift(self, v: __m256i, by: __m256i) -> __m256i {
+        let from = self.add(self.load(&ASCENDING), by);
+        // SAFETY: `self` proves that AVX2 is there.
+        unsafe {
+            let exists = _mm256_cmpeq_epi8(_mm256_min_epu8(from, _mm256_set1_epi8(15)), from);
+            _mm256_and_si256(_mm256_shuffle_epi8(v, from), exists)
+        }
+    }
+
+    #[inline(always)]
+    fn label_below(self, v: __m256i) -> __m256i {
+        // SAFETY: `self` proves that AVX2 is there.
+        unsafe { _mm256_bslli_epi128::<1>(v) }
+    }
+
+    #[inline(always)]
+    fn label_above(self, v: __m256i) -> __m256i {
+        // SAFETY: `self` proves that AVX2 is there.
+        unsafe { _mm256_bsrli_epi128::<1>(v) }
+    }
+
+    #[inline(always)]
+    fn lookup(self, table: &[u8], which: __m256i) -> __m256i {
+        let table = &table[..Self::TABLE];
+        let mut found = self.splat(0);
+        for (part, sixteen) in (0u8..).zip(table.as_chunks::<LABELS>().0) {
+            // Indices within this part stay 0x70..=0x7F, all others get the high bit, for which a shuffle gives 0.
+            let within = self.sub(which, self.splat(part * 16));
+            let within = self.add_saturating(within, self.splat(0x70));
+            // SAFETY: `self` proves that AVX2 is there; the part has as many bytes as are read.
+            unsafe {
+                let sixteen = _mm256_broadcastsi128_si256(_mm_loadu_si128(sixteen.as_ptr().cast()));
+                found = _mm256_or_si256(found, _mm256_shuffle_epi8(sixteen, within));
+            }
+        }
+        found
+    }
+
+    #[inline(always)]
+    fn largest(self, v: __m256i) -> __m256i {
+        // SAFETY: `self` proves that AVX2 is there.
+        unsafe {
+            let v = _mm256_max_epu8(v, _mm256_shuffle_epi32::<0b01_00_11_10>(v));
+            let v = _mm256_max_epu8(v, _mm256_shuffle_epi32::<0b10_11_00_01>(v));
+            // Now every four bytes have the same maximum: rotate them by two, then by one.
+            let by_two = _mm256_setr_epi8(
+                2, 3, 0, 1, 6, 7, 4, 5, 10, 11, 8, 9, 14, 15, 12, 13, 2, 3, 0, 1, 6, 7, 4, 5, 10, 11, 8, 9,
+                14, 15, 12, 13,
+            );
+            let v = _mm256_max_epu8(v, _mm256_shuffle_epi8(v, by_two));
+            let by_one = _mm256_setr_epi8(
+                1, 0, 3, 2, 5, 4, 7, 6, 9, 8, 11, 10, 13, 12, 15, 14, 1, 0, 3, 2, 5, 4, 7, 6, 9, 8, 11, 10,
+                13, 12, 15, 14,
+            );
+            _mm256_max_epu8(v, _mm256_shuffle_epi8(v, by_one))
+        }
+    }
+
+    #[inline(always)]
+    fn keep_least(self, keys: &mut [u16; LABELS], sums: &[u8; LABELS], first: u16) {
+        // SAFETY: `self` proves that AVX2 is there; both arrays have as many bytes as are read and written.
+        unsafe {
+            let ascending = _mm256_setr_epi16(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
+            let labels = _mm256_add_epi16(ascending, _mm256_set1_epi16(first.cast_signed()));
+            let sums = _mm256_cvtepu8_epi16(_mm_loadu_si128(sums.as_ptr().cast()));
+            let new = _mm256_or_si256(_mm256_slli_epi16::<8>(sums), labels);
+            let old = _mm256_loadu_si256(keys.as_ptr().cast());
+            _mm256_storeu_si256(keys.as_mut_ptr().cast(), _mm256_min_epu16(old, new));
+        }
+    }
+}

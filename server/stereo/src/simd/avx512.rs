@@ -1,0 +1,231 @@
+//! AVX-512 with the byte extensions (Ice Lake, Zen 4 and later): four pixels a vector.
+
+use std::arch::x86_64::{
+    __m512i, _mm_loadu_si128, _mm_storeu_si128, _mm256_add_epi16, _mm256_cvtepu8_epi16, _mm256_loadu_si256,
+    _mm256_min_epu16, _mm256_or_si256, _mm256_set1_epi16, _mm256_setr_epi16, _mm256_slli_epi16,
+    _mm256_storeu_si256, _mm512_add_epi8, _mm512_add_epi32, _mm512_adds_epu8, _mm512_and_si512,
+    _mm512_avg_epu8, _mm512_bslli_epi128, _mm512_bsrli_epi128, _mm512_castsi128_si512,
+    _mm512_castsi512_si128, _mm512_cmpeq_epi8_mask, _mm512_cmplt_epu8_mask, _mm512_extracti32x4_epi32,
+    _mm512_inserti32x4, _mm512_loadu_si512, _mm512_mask_cvtepi32_storeu_epi16, _mm512_maskz_shuffle_epi8,
+    _mm512_max_epi32, _mm512_max_epu8, _mm512_min_epi32, _mm512_movm_epi8, _mm512_mullo_epi32,
+    _mm512_permutex2var_epi8, _mm512_popcnt_epi8, _mm512_rol_epi32, _mm512_set1_epi8, _mm512_set1_epi32,
+    _mm512_setr_epi32, _mm512_setzero_si512, _mm512_shuffle_epi8, _mm512_shuffle_epi32, _mm512_srli_epi32,
+    _mm512_storeu_si512, _mm512_sub_epi8, _mm512_subs_epu8, _mm512_xor_si512,
+};
+
+use super::Kernel;
+use super::lanes::{LABELS, Lanes};
+
+/// Whether this machine has the instructions `run` is compiled for.
+pub(super) fn is_available() -> bool {
+    super::avx2::is_available()
+        && is_x86_feature_detected!("avx512f")
+        && is_x86_feature_detected!("avx512bw")
+        && is_x86_feature_detected!("avx512dq")
+        && is_x86_feature_detected!("avx512vl")
+        && is_x86_feature_detected!("avx512vbmi")
+        && is_x86_feature_detected!("avx512bitalg")
+        && is_x86_feature_detected!("avx512vpopcntdq")
+}
+
+/// Compiles and runs `kernel` with AVX-512.
+#[target_feature(
+    enable = "avx512f,avx512bw,avx512dq,avx512vl,avx512vbmi,avx512bitalg,avx512vpopcntdq,avx2,bmi1,bmi2,popcnt,lzcnt,fma"
+)]
+pub(super) fn run<K: Kernel>(kernel: K) -> K::Output {
+    kernel.run(Avx512(()))
+}
+
+/// Made in `run` only, so that it exists only where its instructions do.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Avx512(());
+
+/// Byte k of a lane: `k % 16`, and the lane of byte k: `k / 16`.
+const ASCENDING: [u8; 64] = bytes(false);
+const LANE: [u8; 64] = bytes(true);
+
+#[expect(clippy::cast_possible_truncation, reason = "below 16")]
+const fn bytes(lane: bool) -> [u8; 64] {
+    let mut bytes = [0; 64];
+    let mut k = 0;
+    while k < 64 {
+        bytes[k] = if lane {
+            (k / LABELS) as u8
+        } else {
+            (k % LABELS) as u8
+        };
+        k += 1;
+    }
+    bytes
+}
+
+macro_rules! intrinsic {
+    ($name:ident, $intrinsic:ident) => {
+        #[inline(always)]
+        fn $name(self, a: __m512i, b: __m512i) -> __m512i {
+            // SAFETY: `self` proves that AVX-512 is there.
+            unsafe { $intrinsic(a, b) }
+        }
+    };
+}
+
+impl Lanes for Avx512 {
+    type V = __m512i;
+    const PIXELS: usize = 4;
+
+    #[inline(always)]
+    fn load(self, from: &[u8]) -> __m512i {
+        let from = &from[..Self::BYTES];
+        // SAFETY: `self` proves that AVX-512 is there; the slice has as many bytes as are read.
+        unsafe { _mm512_loadu_si512(from.as_ptr().cast()) }
+    }
+
+    #[inline(always)]
+    fn store(self, v: __m512i, to: &mut [u8]) {
+        let to = &mut to[..Self::BYTES];
+        // SAFETY: `self` proves that AVX-512 is there; the slice has as many bytes as are written.
+        unsafe { _mm512_storeu_si512(to.as_mut_ptr().cast(), v) }
+    }
+
+    #[inline(always)]
+    fn load_each(self, from: &[u8], at: impl Fn(usize) -> usize) -> __m512i {
+        let (a, b) = (&from[at(0)..][..LABELS], &from[at(1)..][..LABELS]);
+        let (c, d) = (&from[at(2)..][..LABELS], &from[at(3)..][..LABELS]);
+        // SAFETY: `self` proves that AVX-512 is there; each slice has as many bytes as are read.
+        unsafe {
+            let v = _mm512_castsi128_si512(_mm_loadu_si128(a.as_ptr().cast()));
+            let v = _mm512_inserti32x4::<1>(v, _mm_loadu_si128(b.as_ptr().cast()));
+            let v = _mm512_inserti32x4::<2>(v, _mm_loadu_si128(c.as_ptr().cast()));
+            _mm512_inserti32x4::<3>(v, _mm_loadu_si128(d.as_ptr().cast()))
+        }
+    }
+
+    #[inline(always)]
+    fn store_each(self, v: __m512i, to: &mut [u8], at: impl Fn(usize) -> usize) {
+        // SAFETY: `self` proves that AVX-512 is there.
+        let lanes = unsafe {
+            [
+                _mm512_castsi512_si128(v),
+                _mm512_extracti32x4_epi32::<1>(v),
+                _mm512_extracti32x4_epi32::<2>(v),
+                _mm512_extracti32x4_epi32::<3>(v),
+            ]
+        };
+        for (pixel, lane) in lanes.into_iter().enumerate() {
+            let to = &mut to[at(pixel)..][..LABELS];
+            // SAFETY: the slice has as many bytes as are written.
+            unsafe { _mm_storeu_si128(to.as_mut_ptr().cast(), lane) };
+        }
+    }
+
+    #[inline(always)]
+    fn splat(self, byte: u8) -> __m512i {
+        // SAFETY: `self` proves that AVX-512 is there.
+        unsafe { _mm512_set1_epi8(byte.cast_signed()) }
+    }
+
+    #[inline(always)]
+    fn spread(self, from: &[u8]) -> __m512i {
+        let from = &from[..4];
+        let four = i32::from_le_bytes([from[0], from[1], from[2], from[3]]);
+        // SAFETY: `self` proves that AVX-512 is there.
+        unsafe { _mm512_shuffle_epi8(_mm512_set1_epi32(four), self.load(&LANE)) }
+    }
+
+    intrinsic!(add, _mm512_add_epi8);
+    intrinsic!(sub, _mm512_sub_epi8);
+    intrinsic!(add_saturating, _mm512_adds_epu8);
+    intrinsic!(sub_saturating, _mm512_subs_epu8);
+    intrinsic!(max, _mm512_max_epu8);
+    intrinsic!(average, _mm512_avg_epu8);
+    intrinsic!(and, _mm512_and_si512);
+    intrinsic!(xor, _mm512_xor_si512);
+
+    #[inline(always)]
+    fn count_ones(self, v: __m512i) -> __m512i {
+        // SAFETY: `self` proves that AVX-512 is there.
+        unsafe { _mm512_popcnt_epi8(v) }
+    }
+
+    #[inline(always)]
+    fn shift(self, v: __m512i, by: __m512i) -> __m512i {
+        let from = self.add(self.load(&ASCENDING), by);
+        // SAFETY: `self` proves that AVX-512 is there.
+        unsafe {
+            let exists = _mm512_cmplt_epu8_mask(from, _mm512_set1_epi8(16));
+            _mm512_maskz_shuffle_epi8(exists, v, from)
+        }
+    }
+
+    #[inline(always)]
+    fn label_below(self, v: __m512i) -> __m512i {
+        // SAFETY: `self` proves that AVX-512 is there.
+        unsafe { _mm512_bslli_epi128::<1>(v) }
+    }
+
+    #[inline(always)]
+    fn label_above(self, v: __m512i) -> __m512i {
+        // SAFETY: `self` proves that AVX-512 is there.
+        unsafe { _mm512_bsrli_epi128::<1>(v) }
+    }
+
+    #[inline(always)]
+    fn equal(self, a: __m512i, b: __m512i) -> __m512i {
+        // SAFETY: `self` proves that AVX-512 is there.
+        unsafe { _mm512_movm_epi8(_mm512_cmpeq_epi8_mask(a, b)) }
+    }
+
+    #[inline(always)]
+    fn lookup(self, table: &[u8], which: __m512i) -> __m512i {
+        let (low, high) = (self.load(table), self.load(&table[Self::BYTES..]));
+        // SAFETY: `self` proves that AVX-512 is there.
+        unsafe { _mm512_permutex2var_epi8(low, which, high) }
+    }
+
+    #[inline(always)]
+    fn largest(self, v: __m512i) -> __m512i {
+        // SAFETY: `self` proves that AVX-512 is there.
+        unsafe {
+            let v = _mm512_max_epu8(v, _mm512_shuffle_epi32::<0b01_00_11_10>(v));
+            let v = _mm512_max_epu8(v, _mm512_shuffle_epi32::<0b10_11_00_01>(v));
+            // Now every four bytes have the same maximum: rotate them by two, then by one.
+            let v = _mm512_max_epu8(v, _mm512_rol_epi32::<16>(v));
+            _mm512_max_epu8(v, _mm512_rol_epi32::<8>(v))
+        }
+    }
+
+    #[inline(always)]
+    fn ramp(self, to: &mut [u16], first: i32, step: i32, most: i32) {
+        // SAFETY: `self` proves that AVX-512 is there; the mask has as many bits as the chunk has elements.
+        unsafe {
+            let ascending = _mm512_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
+            let offsets = _mm512_mullo_epi32(ascending, _mm512_set1_epi32(step));
+            let mut values = _mm512_add_epi32(_mm512_set1_epi32(first), offsets);
+            let stride = _mm512_set1_epi32(step.wrapping_mul(16));
+            for chunk in to.chunks_mut(16) {
+                let kept = _mm512_max_epi32(values, _mm512_setzero_si512());
+                let kept = _mm512_min_epi32(kept, _mm512_set1_epi32(most));
+                let mask = u16::MAX >> (16 - chunk.len());
+                _mm512_mask_cvtepi32_storeu_epi16(
+                    chunk.as_mut_ptr().cast(),
+                    mask,
+                    _mm512_srli_epi32::<16>(kept),
+                );
+                values = _mm512_add_epi32(values, stride);
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn keep_least(self, keys: &mut [u16; LABELS], sums: &[u8; LABELS], first: u16) {
+        // SAFETY: `self` proves that AVX2 is there; both arrays have as many bytes as are read and written.
+        unsafe {
+            let ascending = _mm256_setr_epi16(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
+            let labels = _mm256_add_epi16(ascending, _mm256_set1_epi16(first.cast_signed()));
+            let sums = _mm256_cvtepu8_epi16(_mm_loadu_si128(sums.as_ptr().cast()));
+            let new = _mm256_or_si256(_mm256_slli_epi16::<8>(sums), labels);
+            let old = _mm256_loadu_si256(keys.as_ptr().cast());
+            _mm256_storeu_si256(keys.as_mut_ptr().cast(), _mm256_min_epu16(old, new));
+        }
+    }
+}

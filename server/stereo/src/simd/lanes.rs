@@ -1,0 +1,81 @@
+//! The operations that plain loops don't express: several pixels' labels side by side, moved and compared within a pixel.
+
+/// Labels (disparities) of a pixel: one byte each, one 128-bit lane together.
+pub(crate) const LABELS: usize = 16;
+
+/// Vectors of [`LABELS`] bytes for each of `PIXELS` pixels. An implementor's value is the proof that its instructions exist.
+pub(crate) trait Lanes: Copy {
+    /// A vector.
+    type V: Copy;
+    /// Pixels of a vector.
+    const PIXELS: usize;
+    /// Bytes of a vector.
+    const BYTES: usize = Self::PIXELS * LABELS;
+    /// Bytes of a table for `lookup`.
+    const TABLE: usize = 2 * Self::BYTES;
+
+    /// The first `BYTES` of `from`.
+    fn load(self, from: &[u8]) -> Self::V;
+    /// Writes the first `BYTES` of `to`.
+    fn store(self, v: Self::V, to: &mut [u8]);
+    /// Pixel i's labels from `from[at(i)..]`.
+    fn load_each(self, from: &[u8], at: impl Fn(usize) -> usize) -> Self::V;
+    /// Pixel i's labels to `to[at(i)..]`.
+    fn store_each(self, v: Self::V, to: &mut [u8], at: impl Fn(usize) -> usize);
+    /// The same byte everywhere.
+    fn splat(self, byte: u8) -> Self::V;
+    /// Byte i of the first `PIXELS` of `from` for all labels of pixel i.
+    fn spread(self, from: &[u8]) -> Self::V;
+
+    /// Wrapping sum.
+    fn add(self, a: Self::V, b: Self::V) -> Self::V;
+    /// Wrapping difference.
+    fn sub(self, a: Self::V, b: Self::V) -> Self::V;
+    /// Sum, at most 255.
+    fn add_saturating(self, a: Self::V, b: Self::V) -> Self::V;
+    /// Difference, at least 0.
+    fn sub_saturating(self, a: Self::V, b: Self::V) -> Self::V;
+    /// The larger of each two.
+    fn max(self, a: Self::V, b: Self::V) -> Self::V;
+    /// Mean of each two, halves rounded up.
+    fn average(self, a: Self::V, b: Self::V) -> Self::V;
+    /// All ones where two bytes are equal, else 0.
+    fn equal(self, a: Self::V, b: Self::V) -> Self::V;
+    /// Bitwise and.
+    fn and(self, a: Self::V, b: Self::V) -> Self::V;
+    /// Exclusive or.
+    fn xor(self, a: Self::V, b: Self::V) -> Self::V;
+    /// Ones of every byte.
+    fn count_ones(self, v: Self::V) -> Self::V;
+
+    /// Label k becomes what label `k + by` was, 0 where there is no such label; `by` is a wrapping byte.
+    fn shift(self, v: Self::V, by: Self::V) -> Self::V;
+    /// Label k becomes what label k - 1 was, label 0 becomes 0.
+    fn label_below(self, v: Self::V) -> Self::V;
+    /// Label k becomes what label k + 1 was, the last becomes 0.
+    fn label_above(self, v: Self::V) -> Self::V;
+    /// Byte i becomes `table[which[i]]`; `table` has at least `TABLE` bytes, and every index is below `TABLE`.
+    fn lookup(self, table: &[u8], which: Self::V) -> Self::V;
+    /// The largest label of each pixel, for all its labels.
+    fn largest(self, v: Self::V) -> Self::V;
+
+    /// Fills `to` with the upper halves of `first`, `first + step`, `first + 2 step`, .. (wrapping), each kept within
+    /// 0..=`most`.
+    #[inline(always)]
+    #[expect(clippy::cast_sign_loss, reason = "kept within 0 and more")]
+    fn ramp(self, to: &mut [u16], first: i32, step: i32, most: i32) {
+        let mut value = first;
+        for to in to {
+            *to = (value.clamp(0, most) >> 16) as u16;
+            value = value.wrapping_add(step);
+        }
+    }
+
+    /// For each of the [`LABELS`]: `keys[k] = min(keys[k], sums[k] << 8 | first + k)`; `first + k` stays below 256.
+    #[inline(always)]
+    fn keep_least(self, keys: &mut [u16; LABELS], sums: &[u8; LABELS], first: u16) {
+        for ((key, sum), label) in keys.iter_mut().zip(sums).zip(first..) {
+            *key = (*key).min(u16::from(*sum) << 8 | label);
+        }
+    }
+}
