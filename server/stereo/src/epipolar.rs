@@ -233,26 +233,36 @@ impl<'a> Around<'a> {
 /// the rest of `costs` is as large as can be.
 #[inline(always)]
 fn sum_costs(one: Around<'_>, many: Around<'_>, taps: Taps, y: usize, n: usize, costs: &mut Costs) {
+    match n.div_ceil(BLOCK) {
+        0 => {}
+        1 => sum_blocks::<1>(one, many, taps, y, costs),
+        2 => sum_blocks::<2>(one, many, taps, y, costs),
+        3 => sum_blocks::<3>(one, many, taps, y, costs),
+        _ => sum_blocks::<4>(one, many, taps, y, costs),
+    }
+    costs[n..].fill(u16::MAX);
+}
+
+/// The first `BLOCKS` blocks of costs.
+#[inline(always)]
+fn sum_blocks<const BLOCKS: usize>(one: Around<'_>, many: Around<'_>, taps: Taps, y: usize, costs: &mut Costs) {
     let planes = one.census.planes().len();
     // Bytes are twice as fast as 16 bits, as long as a sum fits one.
     let taps_that_fit = usize::from(u8::MAX) / (8 * planes);
-    for (block, costs) in costs
-        .as_chunks_mut::<BLOCK>()
-        .0
-        .iter_mut()
-        .enumerate()
-        .take(n.div_ceil(BLOCK))
-    {
-        *costs = [0; BLOCK];
-        for taps in taps.chunks(taps_that_fit) {
-            let mut sums = [0u8; BLOCK];
-            for &tap in taps {
-                for plane in 0..planes {
-                    let (row, at) = one.row(plane, y, tap);
-                    let word = row[at];
-                    // Rows have margins of a block more than any disparity reaches.
-                    let (row, at) = many.row(plane, y, tap);
-                    let words = &row[at + block * BLOCK..][..BLOCK];
+    let (costs, _) = costs.as_chunks_mut::<BLOCK>();
+    for block in &mut costs[..BLOCKS] {
+        *block = [0; BLOCK];
+    }
+    for taps in taps.chunks(taps_that_fit) {
+        let mut sums = [[0u8; BLOCK]; BLOCKS];
+        for &tap in taps {
+            for plane in 0..planes {
+                let (row, at) = one.row(plane, y, tap);
+                let word = row[at];
+                // Rows have margins of a block more than any disparity reaches.
+                let (row, at) = many.row(plane, y, tap);
+                let (words, _) = row[at..at + BLOCKS * BLOCK].as_chunks::<BLOCK>();
+                for (sums, words) in sums.iter_mut().zip(words) {
                     for k in 0..BLOCK {
                         #[expect(clippy::cast_possible_truncation, reason = "at most 8")]
                         let distance = (word ^ words[k]).count_ones() as u8;
@@ -260,12 +270,13 @@ fn sum_costs(one: Around<'_>, many: Around<'_>, taps: Taps, y: usize, n: usize, 
                     }
                 }
             }
+        }
+        for (costs, sums) in costs.iter_mut().zip(&sums) {
             for k in 0..BLOCK {
                 costs[k] += u16::from(sums[k]);
             }
         }
     }
-    costs[n..].fill(u16::MAX);
 }
 
 /// The first of the least costs; `None` if there is none.

@@ -40,48 +40,57 @@ impl Plane {
     }
 }
 
-/// Calls `row(v, u_first, u_last)` for every scan line of a triangle; pixels on its edges are inside.
+/// Fractional bits of an edge's column: enough for exact pixels over the tallest image.
+const EDGE_BITS: u32 = 32;
+/// Rounding must not lose a pixel that lies exactly on an edge.
+const EDGE_SLACK: i64 = 1 << 16;
+
+/// An edge of a triangle, going down: its column in the current row and what a row adds to it.
+#[derive(Clone, Copy)]
+struct Edge {
+    column: i64,
+    step: i64,
+}
+
+impl Edge {
+    /// From a vertex (u, v) to one that is not higher. Both triangles of an edge compute the same columns, so that no pixel
+    /// between them is lost.
+    #[inline(always)]
+    fn down(from: (i64, i64), to: (i64, i64)) -> Self {
+        let rows = (to.1 - from.1).max(1);
+        Self { column: from.0 << EDGE_BITS, step: ((to.0 - from.0) << EDGE_BITS) / rows }
+    }
+}
+
+/// Calls `row(v, u_first, u_last)` for every scan line of a triangle of whole pixels; pixels on its edges are inside.
+#[inline(always)]
 #[expect(clippy::cast_possible_truncation, reason = "whole pixels of an image")]
 #[expect(clippy::cast_sign_loss, reason = "vertices have no negative coordinates")]
-#[inline(always)]
 pub(crate) fn scan_lines(vertices: &[Vertex; 3], mut row: impl FnMut(usize, usize, usize)) {
-    let mut sorted = *vertices;
-    sorted.sort_by(|p, q| p.v.total_cmp(&q.v));
+    let mut sorted = [(0, 0); 3];
+    for (sorted, vertex) in sorted.iter_mut().zip(vertices) {
+        *sorted = (vertex.u as i64, vertex.v as i64);
+    }
+    sorted.sort_by_key(|&(_, v)| v);
     let [top, middle, bottom] = sorted;
-    let (first, last) = (top.v as usize, bottom.v as usize);
-    // Columns a row; what is divided by zero is not used.
-    let slope = |from: &Vertex, to: &Vertex| (to.u - from.u) / (to.v - from.v);
-    let (long, upper, lower) = (
-        slope(&top, &bottom),
-        slope(&top, &middle),
-        slope(&middle, &bottom),
-    );
-    for y in first..=last {
-        let v = y as f32;
-        let one = if first == last {
-            bottom.u
-        } else {
-            top.u + long * (v - top.v)
-        };
-        let other = if v < middle.v {
-            top.u + upper * (v - top.v)
-        } else if v > middle.v {
-            middle.u + lower * (v - middle.v)
-        } else {
-            middle.u
-        };
-        let (mut left, mut right) = (one.min(other), one.max(other));
-        if first == last {
-            (left, right) = (left.min(top.u), right.max(top.u));
+    let (mut long, mut short) = (Edge::down(top, bottom), Edge::down(top, middle));
+    for v in top.1..=bottom.1 {
+        // A horizontal edge is covered whole by the row of the middle vertex; without height, that is the only row.
+        if v == middle.1 {
+            short = Edge::down(middle, bottom);
         }
-        // Rounding must not lose a pixel that lies exactly on an edge.
-        let (from, to) = (
-            (left - 1e-3).ceil().max(0.0) as usize,
-            (right + 1e-3).floor() as usize,
-        );
-        if from <= to {
-            row(y, from, to);
+        let (mut one, mut other) = (long.column.min(short.column), long.column.max(short.column));
+        if top.1 == bottom.1 {
+            let end = bottom.0 << EDGE_BITS;
+            (one, other) = (one.min(end), other.max(end));
         }
+        let first = (one - EDGE_SLACK + (1 << EDGE_BITS) - 1) >> EDGE_BITS;
+        let last = (other + EDGE_SLACK) >> EDGE_BITS;
+        if first <= last {
+            row(v as usize, first as usize, last as usize);
+        }
+        long.column += long.step;
+        short.column += short.step;
     }
 }
 
