@@ -5,6 +5,8 @@ use crate::simd::{Kernel, Lanes, Level};
 
 /// Certainties are the most confidence a pixel can have. Filled in from the neighbours:
 const FILLED: u8 = 60;
+/// Confidences from here on are of confirmed pixels.
+pub(crate) const CONFIRMED_FROM: u8 = FILLED + 1;
 /// Confirmed by the right view, but near a jump.
 const CONFIRMED: u8 = 110;
 /// Confirmed, and the surroundings are one surface.

@@ -245,7 +245,13 @@ fn sum_costs(one: Around<'_>, many: Around<'_>, taps: Taps, y: usize, n: usize, 
 
 /// The first `BLOCKS` blocks of costs.
 #[inline(always)]
-fn sum_blocks<const BLOCKS: usize>(one: Around<'_>, many: Around<'_>, taps: Taps, y: usize, costs: &mut Costs) {
+fn sum_blocks<const BLOCKS: usize>(
+    one: Around<'_>,
+    many: Around<'_>,
+    taps: Taps,
+    y: usize,
+    costs: &mut Costs,
+) {
     let planes = one.census.planes().len();
     // Bytes are twice as fast as 16 bits, as long as a sum fits one.
     let taps_that_fit = usize::from(u8::MAX) / (8 * planes);

@@ -22,8 +22,9 @@ use crate::propagate::{self, From};
 use crate::publish::{self, Published};
 use crate::simd::Level;
 use crate::support::{self, Buckets, Candidate, Support, Unexplained};
+use crate::surface::Surface;
 use crate::triangulation::Triangulation;
-use crate::{fast, output_mesh, smooth, upsample};
+use crate::{certainty, fast, output_mesh, smooth, upsample};
 
 /// Where the way to a rung goes on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -133,6 +134,7 @@ pub(crate) struct Frame {
     confidence: Vec<u8>,
     half: Coarse,
     quarter: Coarse,
+    surface: Surface,
     scratch: Vec<Mutex<Scratch>>,
 }
 
@@ -566,17 +568,43 @@ impl Frame {
         publish::publish(self.level, &maps, shape, params, out)
     }
 
-    /// Writes the mesh to `out`, in the image's pixels and disparities.
-    pub(crate) fn write_mesh(&self, params: &MeshParams, recipe: &Recipe, out: &mut Mesh) {
-        let validated = output_mesh::Validated {
+    /// Writes the mesh to `out`, in the image's pixels and disparities. After a dense rung it is made anew from the map.
+    pub(crate) fn write_mesh(&mut self, rung: &Rung, params: &MeshParams, recipe: &Recipe, out: &mut Mesh) {
+        let is_dense = matches!(rung.work, Work::HalfBand | Work::Full);
+        let (width, max_fixed) = (self.width(), self.window.max_fixed());
+        // In a dense map what was filled in confirms nothing; written as costs, the less confidence the dearer.
+        let doubts: Vec<u8> = if is_dense {
+            self.surface
+                .fit(self.level, &self.disparity, width, &self.supports, max_fixed);
+            self.confidence
+                .iter()
+                .map(|confidence| u8::MAX - confidence)
+                .collect()
+        } else {
+            Vec::new()
+        };
+        let pixels = output_mesh::Validated {
             window: self.window,
             mask: &self.gradient.mask,
-            interpolated: &self.interpolated,
+            interpolated: if is_dense {
+                &self.surface.interpolated
+            } else {
+                &self.interpolated
+            },
             disparity: &self.disparity,
-            cost: &self.cost,
-            valid_up_to: recipe.valid_up_to,
+            cost: if is_dense { &doubts } else { &self.cost },
+            valid_up_to: if is_dense {
+                u8::MAX - certainty::CONFIRMED_FROM
+            } else {
+                recipe.valid_up_to
+            },
         };
-        output_mesh::write(&self.triangulation, &validated, params, out);
+        let triangulation = if is_dense {
+            &self.surface.triangulation
+        } else {
+            &self.triangulation
+        };
+        output_mesh::write(triangulation, &pixels, params, out);
     }
 }
 

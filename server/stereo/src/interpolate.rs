@@ -58,7 +58,10 @@ impl Edge {
     #[inline(always)]
     fn down(from: (i64, i64), to: (i64, i64)) -> Self {
         let rows = (to.1 - from.1).max(1);
-        Self { column: from.0 << EDGE_BITS, step: ((to.0 - from.0) << EDGE_BITS) / rows }
+        Self {
+            column: from.0 << EDGE_BITS,
+            step: ((to.0 - from.0) << EDGE_BITS) / rows,
+        }
     }
 }
 

@@ -88,6 +88,7 @@ mod simd;
 mod smooth;
 mod speckle;
 mod support;
+mod surface;
 mod triangulation;
 mod upsample;
 mod winner;

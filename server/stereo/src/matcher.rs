@@ -179,7 +179,8 @@ impl Matcher {
         mesh.vertices.clear();
         mesh.triangles.clear();
         if self.rungs_done > 0 {
-            self.frame.write_mesh(params, self.recipe, mesh);
+            let rung = &self.recipe.rungs[self.rungs_done - 1];
+            self.frame.write_mesh(rung, params, self.recipe, mesh);
         }
     }
 

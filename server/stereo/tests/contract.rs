@@ -378,10 +378,11 @@ fn the_mesh_lies_on_the_wall_and_faces_the_camera() {
             "counter-clockwise with y up is negative with v down: {twice_area}"
         );
         area -= twice_area / 2.0;
+        // The leftmost 23 columns have no counterpart in the right view, and windows reach a little further.
         assert!(
             [a, b, c]
                 .iter()
-                .all(|vertex| (vertex.disparity - 23.0).abs() < 1.5)
+                .all(|vertex| vertex.u < 32.0 || (vertex.disparity - 23.0).abs() < 1.5)
         );
     }
     assert!(used.iter().all(|&used| used), "every vertex is used");
