@@ -1,6 +1,6 @@
 # Short names for plain commands; nothing is done here that can't be typed.
 
-.PHONY: demo test lint fmt eval
+.PHONY: demo test lint fmt eval load
 
 # A real pair through a real server; writes out/.
 demo:
@@ -22,6 +22,11 @@ fmt:
 DATA = ../shared/data
 eval: target/venv/ready
 	cargo run --release --package stereo-tests --bin eval -- --data $(DATA) --peers sgbm,3way,bm $(ARGS)
+
+# What the server keeps under 0.8 to 8 times its capacity, beside rival policies; writes out/load/. For one fleet on a
+# running server: cargo load --server http://host:8080 --cameras 8 --rate 30 --size 640x480 --budget 50.
+load:
+	cargo run --release --package stereo-tests --bin load -- --suite overload $(ARGS)
 
 target/venv/ready:
 	python3 -m venv target/venv

@@ -108,6 +108,7 @@ fn request() -> StereoRequest {
                 min_valid_share: Some(0.25),
             }),
             colors: Some(true),
+            mesh_is_optional: None,
         }),
     }
 }
@@ -157,6 +158,7 @@ fn result() -> StereoResult {
             max_disparity_px: 144,
             valid_window: Some(WINDOW),
             confidence: Bytes::from_static(&[0, 254]),
+            compression: Compression::Unspecified.into(),
         }),
         depth: Some(Depth {
             timestamp: Some(TAKEN),
@@ -167,6 +169,7 @@ fn result() -> StereoResult {
             data: Bytes::from_static(&[0, 0, 128, 63]),
             calibration: Some(CAMERA),
             valid_window: Some(WINDOW),
+            compression: Compression::Unspecified.into(),
         }),
         mesh: Some(Mesh {
             timestamp: Some(TAKEN),
@@ -177,12 +180,14 @@ fn result() -> StereoResult {
             uvs: Bytes::from_static(&[0; 8]),
             disparities: Bytes::from_static(&[0, 0, 128, 63]),
             colors: Bytes::from_static(&[1, 2, 3]),
+            compression: Compression::Unspecified.into(),
         }),
         points: Some(PointCloud {
             timestamp: Some(TAKEN),
             frame_id: "rig/left".into(),
             positions: Bytes::from_static(&[0; 12]),
             colors: Bytes::from_static(&[1, 2, 3]),
+            compression: Compression::Unspecified.into(),
         }),
         report: Some(report()),
     }

@@ -62,6 +62,7 @@ fn options() -> impl Strategy<Value = Options> {
                 ..MeshOptions::default()
             }),
             colors: rest.2,
+            mesh_is_optional: None,
         },
     )
 }

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use clap::{Args, Parser, Subcommand};
 
-use crate::config::{Config, ConfigError};
+use crate::config::{Config, ConfigError, PolicyName};
 
 /// Stereo matching as a service: a pair and a deadline in, the best disparity and mesh that fit out.
 #[derive(Debug, Parser)]
@@ -30,7 +30,7 @@ pub struct Cli {
 #[derive(Debug, Subcommand)]
 pub enum Command {
     /// Serve over HTTP until SIGTERM or SIGINT.
-    Serve(ServeArgs),
+    Serve(Box<ServeArgs>),
     /// Match one pair of image files here, without a network, and write the results to a folder.
     Match(Box<MatchArgs>),
 }
@@ -74,6 +74,23 @@ pub struct ServeArgs {
     /// Time to send a request's body, and to take its answer [default: 30000].
     #[arg(long, env = "STEREOD_BODY_TIMEOUT_MS", value_name = "MS")]
     pub body_timeout_ms: Option<u64>,
+
+    /// Requests and replies of all batches under way, in bytes [default: 128 MiB].
+    #[arg(long, env = "STEREOD_MAX_BATCH_BYTES_IN_FLIGHT", value_name = "BYTES")]
+    pub max_batch_bytes_in_flight: Option<u64>,
+
+    /// Time without progress after which a worker is replaced [default: 20000].
+    #[arg(long, env = "STEREOD_STUCK_AFTER_MS", value_name = "MS")]
+    pub stuck_after_ms: Option<u64>,
+
+    /// Workers that may be replaced before the server says that it isn't ready any more [default: 8].
+    #[arg(long, env = "STEREOD_REPLACEMENTS", value_name = "N")]
+    pub replacements: Option<u32>,
+
+    /// How requests are ordered, admitted and ended [default: edf]. For comparison only: fifo (arrival order, all rungs, deadlines
+    /// not looked at), fifo-timeout (and drops what waited too long), fixed:N (and N rungs for all).
+    #[arg(long, env = "STEREOD_POLICY", value_name = "POLICY", hide_short_help = true)]
+    pub policy: Option<PolicyName>,
 }
 
 /// Arguments of `stereod match`.
@@ -86,7 +103,7 @@ pub struct MatchArgs {
     /// Folder for disparity.png, disparity_color.png, mesh.glb, mesh.ply and report.json; made if it doesn't exist.
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
-    /// Algorithm parameters: default or paper.
+    /// Algorithm parameters: default, fast or paper.
     #[arg(long)]
     pub preset: Option<String>,
     /// Disparities searched, in pixels: 16 to 256 in steps of 16.
@@ -160,10 +177,20 @@ impl ServeArgs {
         give(&mut config.workers.count, self.workers);
         give(&mut config.workers.simd, self.simd);
         give(&mut config.workers.queue_capacity, self.queue_capacity);
+        give(&mut config.workers.policy, self.policy);
+        give(
+            &mut config.workers.stuck_after,
+            self.stuck_after_ms.map(Duration::from_millis),
+        );
+        give(&mut config.workers.replacements, self.replacements);
         give(&mut config.instance, self.instance);
         give(&mut config.limits.body_bytes, self.max_body_bytes);
         give(&mut config.limits.image_pixels, self.max_image_pixels);
         give(&mut config.limits.bytes_in_flight, self.max_bytes_in_flight);
+        give(
+            &mut config.limits.batch_bytes_in_flight,
+            self.max_batch_bytes_in_flight,
+        );
         config.validate()?;
         Ok(config)
     }
@@ -181,7 +208,7 @@ mod tests {
 
     use super::*;
 
-    fn serve(flags: &[&str]) -> ServeArgs {
+    fn serve(flags: &[&str]) -> Box<ServeArgs> {
         match Cli::try_parse_from(["stereod", "serve"].iter().chain(flags))
             .unwrap()
             .command

@@ -2,6 +2,8 @@
 //!
 //! Precedence: command line, then environment (both in [`args`](crate::args)), then the file, then the defaults here.
 
+mod policy;
+
 use std::net::{Ipv4Addr, SocketAddr};
 use std::ops::RangeInclusive;
 use std::time::Duration;
@@ -9,6 +11,8 @@ use std::time::Duration;
 use serde::{Deserialize, Serialize};
 use stereo::{Level, Shape};
 use thiserror::Error;
+
+pub use self::policy::PolicyName;
 
 /// Why the server can't start with this configuration; each says what to do.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
@@ -57,9 +61,17 @@ pub enum ConfigError {
         /// What can be given.
         available: String,
     },
+    /// No such policy.
+    #[error("policy must be edf, fifo, fifo-timeout or fixed:N with N from 1 to 8, got `{got}`")]
+    NoSuchPolicy {
+        /// The value given.
+        got: String,
+    },
     /// Bodies of the largest size could never be accepted.
-    #[error("limits.bytes_in_flight ({bytes_in_flight}) must be at least limits.body_bytes ({body_bytes})")]
+    #[error("{name} ({bytes_in_flight}) must be at least limits.body_bytes ({body_bytes})")]
     FlightBelowBody {
+        /// Key in the file.
+        name: &'static str,
         /// The bound on all bodies together.
         bytes_in_flight: u64,
         /// The bound on one body.
@@ -107,6 +119,13 @@ pub struct WorkersConfig {
     pub simd: String,
     /// Requests that wait for a worker at one time, 1 to 65536; more are refused.
     pub queue_capacity: u32,
+    /// How requests are ordered, admitted and ended: `edf`, or for comparison only `fifo`, `fifo-timeout` or `fixed:N`.
+    pub policy: PolicyName,
+    /// Time without a finished step after which a worker is given up and replaced, 100 to 600000 ms.
+    #[serde(rename = "stuck_after_ms", with = "milliseconds")]
+    pub stuck_after: Duration,
+    /// Workers that may be replaced in the life of the process, 0 to 1024; after that the server is not ready any more.
+    pub replacements: u32,
 }
 
 /// What is refused before any work is done.
@@ -119,6 +138,9 @@ pub struct LimitsConfig {
     pub image_pixels: u64,
     /// All bodies that are being received, wait, are worked on or are being sent, in bytes; at least `body_bytes`, up to 64 GiB.
     pub bytes_in_flight: u64,
+    /// The same for batches, which have a bound of their own so that they never take the others' memory; at least `body_bytes`, up to
+    /// 64 GiB.
+    pub batch_bytes_in_flight: u64,
 }
 
 impl Default for Config {
@@ -151,6 +173,9 @@ impl Default for WorkersConfig {
             count,
             simd: "auto".to_owned(),
             queue_capacity: 64,
+            policy: PolicyName::default(),
+            stuck_after: Duration::from_secs(20),
+            replacements: 8,
         }
     }
 }
@@ -161,6 +186,7 @@ impl Default for LimitsConfig {
             body_bytes: 64 << 20,
             image_pixels: MAX_IMAGE_PIXELS,
             bytes_in_flight: 512 << 20,
+            batch_bytes_in_flight: 128 << 20,
         }
     }
 }
@@ -209,27 +235,31 @@ impl Config {
             workers.queue_capacity.into(),
             1..=65_536,
         )?;
+        in_range(
+            "workers.stuck_after_ms",
+            whole_ms(workers.stuck_after),
+            100..=600_000,
+        )?;
+        in_range("workers.replacements", workers.replacements.into(), 0..=1024)?;
         in_range("limits.body_bytes", limits.body_bytes, 1 << 10..=1 << 30)?;
         in_range(
             "limits.image_pixels",
             limits.image_pixels,
             1024..=MAX_IMAGE_PIXELS,
         )?;
-        in_range(
-            "limits.bytes_in_flight",
-            limits.bytes_in_flight,
-            1 << 10..=1 << 36,
-        )?;
-        if limits.bytes_in_flight < limits.body_bytes {
-            let &LimitsConfig {
-                bytes_in_flight,
-                body_bytes,
-                ..
-            } = limits;
-            return Err(ConfigError::FlightBelowBody {
-                bytes_in_flight,
-                body_bytes,
-            });
+        let body_bytes = limits.body_bytes;
+        for (name, bytes_in_flight) in [
+            ("limits.bytes_in_flight", limits.bytes_in_flight),
+            ("limits.batch_bytes_in_flight", limits.batch_bytes_in_flight),
+        ] {
+            in_range(name, bytes_in_flight, 1 << 10..=1 << 36)?;
+            if bytes_in_flight < body_bytes {
+                return Err(ConfigError::FlightBelowBody {
+                    name,
+                    bytes_in_flight,
+                    body_bytes,
+                });
+            }
         }
         workers.level().map(drop)
     }
@@ -241,11 +271,10 @@ impl WorkersConfig {
     /// # Errors
     /// [`ConfigError::NoSuchLevel`] naming those that exist.
     pub fn level(&self) -> Result<Level, ConfigError> {
-        let mut levels = vec![Level::detect(), Level::SCALAR];
-        levels.dedup();
         if self.simd == "auto" {
-            return Ok(levels[0]);
+            return Ok(Level::detect());
         }
+        let levels = Level::available();
         levels
             .iter()
             .copied()

@@ -129,6 +129,24 @@ pub fn gray<'a>(
         .map_err(|why| ServiceError::Invalid(format!("the {side} image: {why}")))
 }
 
+/// What [`gray`] made of `image`: a view of `scratch`, or of the image itself. Nothing is decoded.
+///
+/// # Errors
+/// As [`gray`]; [`ServiceError::Internal`] if `scratch` doesn't hold this image.
+pub fn decoded<'a>(
+    side: Side,
+    image: &'a ImageData,
+    scratch: &'a GrayScratch,
+) -> Result<GrayView<'a>, ServiceError> {
+    let (width_px, height_px) = checked_size(side, image)?;
+    let (data, stride_bytes) = match image.encoding {
+        ImageEncoding::Raw(PixelFormat::Mono8) => (image.data.as_ref(), image.step_bytes as usize),
+        _ => (scratch.gray.as_slice(), width_px),
+    };
+    GrayView::new(data, width_px, height_px, stride_bytes)
+        .map_err(|why| ServiceError::Internal(format!("the {side} image was not decoded: {why}")))
+}
+
 /// `image` in colour, for textures; gray is repeated. Allocates three bytes a pixel.
 ///
 /// # Errors

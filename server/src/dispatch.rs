@@ -1,98 +1,30 @@
-//! Where requests wait for a worker: the bounded queue between the async side, which puts jobs in and may take them back, and
-//! the worker threads, which block until there is one.
+//! Where requests wait for a worker: the scheduler between the async side, which puts jobs in and may take them back, and the worker
+//! threads, which block until there is one and ask after every step whether to go on.
 
-use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
+mod job;
+mod kind;
+mod seat;
+
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-use stereo_scheduler::{DeadlineQueue, Ticket};
+use stereo_scheduler::{
+    Cancelled, Config as Limits, DropReason, Dropped, JobSpec, Policy, Reason, Refusal, Scheduler, Snapshot,
+    Stage, Submission, Ticket,
+};
 use tokio::sync::{oneshot, watch};
 
-use crate::job::{FrameReply, FrameRequest};
+use self::job::Admitted;
+pub use self::job::OnRung;
+pub(crate) use self::job::{Job, Outcome};
+pub(crate) use self::kind::{Kind, encode_kind, least_work, work};
+pub(crate) use self::seat::{Replaced, Seat, Task};
+use crate::job::{FrameRequest, PriorityClass};
+use crate::metrics::Metrics;
 use crate::status::ServiceError;
 
-/// What a job ends with.
-pub(crate) type Outcome = Result<FrameReply, ServiceError>;
-
-/// Called on the worker after each finished rung.
-pub type OnRung = Box<dyn Fn(stereo::Quality) + Send>;
-
-/// One admitted request on its way through a worker.
-pub(crate) struct Job {
-    pub(crate) request: FrameRequest,
-    pub(crate) enqueued_at: Instant,
-    on_rung: Option<OnRung>,
-    reply: oneshot::Sender<Outcome>,
-    /// Held for its drop: while it lives, the job counts as admitted.
-    _admitted: Option<Admitted>,
-}
-
-impl Job {
-    /// A job outside any queue, and the end its outcome arrives at.
-    pub(crate) fn detached(request: FrameRequest) -> (Self, oneshot::Receiver<Outcome>) {
-        let (reply, outcome) = oneshot::channel();
-        (
-            Self {
-                request,
-                enqueued_at: Instant::now(),
-                on_rung: None,
-                reply,
-                _admitted: None,
-            },
-            outcome,
-        )
-    }
-
-    /// Whether nobody waits for the outcome any more.
-    pub(crate) fn is_abandoned(&self) -> bool {
-        self.reply.is_closed()
-    }
-
-    /// Tells whoever watches that a rung is finished.
-    pub(crate) fn report_rung(&self, quality: stereo::Quality) {
-        if let Some(on_rung) = &self.on_rung {
-            on_rung(quality);
-        }
-    }
-
-    /// Ends the job. The requests of this job and its place among the admitted ones are given up first, so that whoever gets the
-    /// outcome finds them free.
-    pub(crate) fn answer(self, outcome: Outcome) {
-        let Self {
-            request,
-            reply,
-            _admitted,
-            ..
-        } = self;
-        drop((request, _admitted));
-        // An error means that the client has gone: its outcome interests nobody.
-        drop(reply.send(outcome));
-    }
-
-    /// Ends a job whose deadline has passed before a worker took it.
-    pub(crate) fn expire(self) {
-        let budget = self.request.options.latency_budget;
-        self.answer(Err(ServiceError::Expired {
-            budget,
-            earliest_feasible: None,
-        }));
-    }
-}
-
-/// One of the admitted jobs, counted while this lives.
-struct Admitted(watch::Sender<usize>);
-
-impl Admitted {
-    fn new(count: &watch::Sender<usize>) -> Self {
-        count.send_modify(|n| *n += 1);
-        Self(count.clone())
-    }
-}
-
-impl Drop for Admitted {
-    fn drop(&mut self) {
-        self.0.send_modify(|n| *n -= 1);
-    }
-}
+/// Background jobs that may wait: those of a few batches, which hold back what the workers have no time for.
+pub(crate) const BACKGROUND_CAPACITY: usize = 256;
 
 /// The caller's end of an admitted job.
 pub(crate) struct Admission {
@@ -100,17 +32,31 @@ pub(crate) struct Admission {
     pub(crate) outcome: oneshot::Receiver<Outcome>,
 }
 
-/// Jobs that wait, and the state of the service that decides whether more may.
+/// Jobs that wait or run, and the state of the service that decides whether more may.
 pub(crate) struct Dispatch {
-    waiting: Mutex<Waiting>,
+    state: Mutex<State>,
     wake: Condvar,
     epoch: Instant,
+    capacity: usize,
     admitted: watch::Sender<usize>,
+    metrics: Arc<Metrics>,
 }
 
-struct Waiting {
-    queue: DeadlineQueue<Job>,
+struct State {
+    scheduler: Scheduler<Kind, Arc<Job>>,
     phase: Phase,
+    slots: Vec<Slot>,
+}
+
+/// What is known about the worker of one index.
+struct Slot {
+    /// Counts the threads that have had this index; only the last one may speak for it.
+    generation: u64,
+    job: Option<Arc<Job>>,
+    /// A background job that lies aside with its matcher.
+    aside: Option<Arc<Job>>,
+    /// When the worker last said that it got on.
+    beat: Instant,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd)]
@@ -121,15 +67,32 @@ enum Phase {
 }
 
 impl Dispatch {
-    pub(crate) fn new(capacity: usize) -> Self {
+    /// For `workers` workers and `capacity` waiting jobs with a deadline.
+    pub(crate) fn new(workers: usize, capacity: usize, policy: Policy, metrics: Arc<Metrics>) -> Self {
+        let epoch = Instant::now();
+        let slot = || Slot {
+            generation: 0,
+            job: None,
+            aside: None,
+            beat: epoch,
+        };
         Self {
-            waiting: Mutex::new(Waiting {
-                queue: DeadlineQueue::new(capacity),
+            state: Mutex::new(State {
+                scheduler: Scheduler::new(Limits {
+                    policy,
+                    workers,
+                    capacity,
+                    background_capacity: BACKGROUND_CAPACITY,
+                    ..Limits::default()
+                }),
                 phase: Phase::Open,
+                slots: (0..workers).map(|_| slot()).collect(),
             }),
             wake: Condvar::new(),
-            epoch: Instant::now(),
+            epoch,
+            capacity,
             admitted: watch::Sender::new(0),
+            metrics,
         }
     }
 
@@ -138,80 +101,126 @@ impl Dispatch {
         instant.saturating_duration_since(self.epoch)
     }
 
-    /// Puts a request in the queue and wakes a worker.
-    pub(crate) fn push(
+    /// A request as the scheduler knows it.
+    pub(crate) fn spec(&self, request: &FrameRequest) -> JobSpec<Kind> {
+        kind::spec(request, |instant| self.scheduler_time(instant))
+    }
+
+    /// Lets a request wait for a worker, and wakes one.
+    pub(crate) fn submit(
         &self,
         request: FrameRequest,
         on_rung: Option<OnRung>,
     ) -> Result<Admission, ServiceError> {
-        let mut waiting = self.lock();
-        if waiting.phase != Phase::Open {
+        let spec = self.spec(&request);
+        let budget = request.options.latency_budget;
+        let received_at = request.received_at;
+        let (job, outcome) = Job::new(request, on_rung, Admitted::new(&self.admitted));
+        let mut state = self.lock();
+        if state.phase != Phase::Open {
             return Err(ServiceError::Draining);
         }
-        let enqueued_at = Instant::now();
-        let now = self.scheduler_time(enqueued_at);
-        let budget = request.options.latency_budget;
-        let deadline = self.scheduler_time(request.deadline());
-        if deadline <= now {
-            return Err(ServiceError::Expired {
-                budget,
-                earliest_feasible: None,
-            });
-        }
-        let expired = waiting.queue.take_expired(now);
-        let (reply, outcome) = oneshot::channel();
-        let admitted = Some(Admitted::new(&self.admitted));
-        let job = Job {
-            request,
-            enqueued_at,
-            on_rung,
-            reply,
-            _admitted: admitted,
-        };
-        let pushed = waiting.queue.push(deadline, job);
-        drop(waiting);
-        expired.into_iter().for_each(Job::expire);
-        match pushed {
+        let now = Instant::now();
+        let submission = state
+            .scheduler
+            .submit(self.scheduler_time(now), spec, Arc::new(job));
+        self.metrics.scheduled(now.elapsed());
+        drop(state);
+        let Submission {
+            outcome: admitted,
+            dropped,
+        } = submission;
+        self.answer_dropped(dropped);
+        match admitted {
             Ok(ticket) => {
                 self.wake.notify_one();
                 Ok(Admission { ticket, outcome })
             }
-            Err(full) => Err(ServiceError::QueueFull {
-                limit: full.capacity,
-                earliest_feasible: None,
-            }),
+            Err(refused) => Err(self.refused(refused.refusal, budget, received_at)),
         }
     }
 
-    /// Takes a job back that no worker has taken yet.
-    pub(crate) fn take_back(&self, ticket: Ticket) -> Option<Job> {
-        self.lock().queue.remove(ticket)
+    /// What [`submit`](Self::submit) would refuse now, for a request whose body has not been read.
+    pub(crate) fn assess(
+        &self,
+        spec: &JobSpec<Kind>,
+        budget: Duration,
+        received_at: Instant,
+    ) -> Result<(), ServiceError> {
+        let state = self.lock();
+        let now = self.scheduler_time(Instant::now());
+        let assessed = state.scheduler.assess(now, spec);
+        drop(state);
+        assessed.map_err(|refusal| self.refused(refusal, budget, received_at))
     }
 
-    /// Blocks until there is a live job, and says how many wait behind it; `None` once the queue is closed. Expired and abandoned
-    /// jobs on the way are answered or dropped unread.
-    pub(crate) fn take(&self) -> Option<(Job, usize)> {
-        let mut waiting = self.lock();
-        loop {
-            let expired = waiting.queue.take_expired(self.scheduler_time(Instant::now()));
-            if !expired.is_empty() {
-                drop(waiting);
-                expired.into_iter().for_each(Job::expire);
-                waiting = self.lock();
+    /// Takes a job back whose client has gone; a worker that has it stops after its present step. True if that ended the job.
+    pub(crate) fn cancel(&self, ticket: Ticket) -> bool {
+        let mut state = self.lock();
+        let now = self.scheduler_time(Instant::now());
+        let cancelled = state.scheduler.cancel(now, ticket);
+        drop(state);
+        match cancelled {
+            Cancelled::Waiting(_) | Cancelled::Running => true,
+            Cancelled::Gone => false,
+        }
+    }
+
+    /// Answers the jobs that can't be met any more, whether or not a worker is free.
+    pub(crate) fn expire(&self) {
+        let mut state = self.lock();
+        let now = self.scheduler_time(Instant::now());
+        let dropped = state.scheduler.expire(now);
+        drop(state);
+        self.answer_dropped(dropped);
+    }
+
+    /// A stage of a dummy pair took `took`.
+    pub(crate) fn learn(&self, kind: Kind, stage: Stage, units: u32, took: Duration) {
+        self.lock().scheduler.learn(kind, stage, units, took);
+    }
+
+    /// Gives up every worker that has not said for `limit` that it gets on: its job is answered with `error`. The seats of those that
+    /// take their places.
+    pub(crate) fn replace_stuck(self: &Arc<Self>, limit: Duration, error: &ServiceError) -> Vec<Seat> {
+        let mut lost = Vec::new();
+        let mut seats = Vec::new();
+        let mut state = self.lock();
+        let now = Instant::now();
+        let at = self.scheduler_time(now);
+        for index in 0..state.slots.len() {
+            let slot = &mut state.slots[index];
+            if slot.job.is_none() || now.saturating_duration_since(slot.beat) < limit {
                 continue;
             }
-            match waiting.queue.pop() {
-                Some(job) if job.is_abandoned() => drop(job),
-                Some(job) => return Some((job, waiting.queue.len())),
-                None if waiting.phase == Phase::Closed => return None,
-                None => waiting = self.wake.wait(waiting).unwrap_or_else(PoisonError::into_inner),
-            }
+            lost.extend(slot.job.take());
+            lost.extend(slot.aside.take());
+            slot.generation += 1;
+            seats.push(Seat::new(self, index, slot.generation));
+            state.scheduler.replaced(at, index);
         }
+        drop(state);
+        for job in lost {
+            job.answer(Err(error.clone()));
+        }
+        seats
+    }
+
+    /// The seat of a worker's first thread.
+    pub(crate) fn seat(self: &Arc<Self>, index: usize) -> Seat {
+        Seat::new(self, index, 0)
+    }
+
+    /// The scheduler's state.
+    pub(crate) fn snapshot(&self) -> Snapshot {
+        let now = self.scheduler_time(Instant::now());
+        self.lock().scheduler.snapshot(now)
     }
 
     /// How many jobs wait.
     pub(crate) fn depth(&self) -> usize {
-        self.lock().queue.len()
+        let snapshot = self.snapshot();
+        snapshot.waiting + snapshot.background_waiting
     }
 
     /// Whether new work is refused.
@@ -221,9 +230,9 @@ impl Dispatch {
 
     /// Refuses new work from now on.
     pub(crate) fn drain(&self) {
-        let mut waiting = self.lock();
-        if waiting.phase == Phase::Open {
-            waiting.phase = Phase::Draining;
+        let mut state = self.lock();
+        if state.phase == Phase::Open {
+            state.phase = Phase::Draining;
         }
     }
 
@@ -233,14 +242,58 @@ impl Dispatch {
         drop(self.admitted.subscribe().wait_for(|&n| n == 0).await);
     }
 
-    /// Ends the workers as soon as the queue is empty.
+    /// Ends the workers as soon as nothing waits.
     pub(crate) fn close(&self) {
         self.lock().phase = Phase::Closed;
         self.wake.notify_all();
     }
 
-    fn lock(&self) -> MutexGuard<'_, Waiting> {
-        // Nothing in this file panics while it holds the lock; if it did, the queue would still be whole.
-        self.waiting.lock().unwrap_or_else(PoisonError::into_inner)
+    fn answer_dropped(&self, dropped: Vec<Dropped<Arc<Job>>>) {
+        for Dropped { job, reason, .. } in dropped {
+            let error = match reason {
+                DropReason::Expired => ServiceError::Expired {
+                    budget: job.request.options.latency_budget,
+                    earliest_feasible: None,
+                },
+                DropReason::Superseded => ServiceError::Superseded,
+                DropReason::Displaced => ServiceError::Displaced,
+            };
+            self.metrics.dropped(error.reason_name());
+            job.answer(Err(error));
+        }
+    }
+
+    fn refused(&self, refusal: Refusal, budget: Duration, received_at: Instant) -> ServiceError {
+        // A new request would have to arrive first, as this one did.
+        let arrival = received_at.elapsed();
+        let earliest_feasible = refusal.earliest_feasible.map(|wait| wait + arrival);
+        match refusal.reason {
+            Reason::Expired => ServiceError::Expired {
+                budget,
+                earliest_feasible,
+            },
+            Reason::DeadlineInfeasible => ServiceError::DeadlineInfeasible {
+                budget,
+                earliest_feasible,
+            },
+            Reason::Quota => ServiceError::Quota { earliest_feasible },
+            Reason::QueueFull => ServiceError::QueueFull {
+                limit: self.capacity,
+                earliest_feasible,
+            },
+        }
+    }
+
+    fn lock(&self) -> MutexGuard<'_, State> {
+        // Nothing that is called while it is held panics; if it did, the queue would still be whole.
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// The scheduler's name for the classes with a deadline.
+fn priority(class: PriorityClass) -> stereo_scheduler::Priority {
+    match class {
+        PriorityClass::BestEffort => stereo_scheduler::Priority::BestEffort,
+        PriorityClass::Deadline | PriorityClass::Background => stereo_scheduler::Priority::Normal,
     }
 }

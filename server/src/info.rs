@@ -75,7 +75,11 @@ impl Info {
                 queue_capacity: config.workers.queue_capacity,
                 connections: config.http.connections,
             },
-            presets: vec![preset("default", Preset::Default), preset("paper", Preset::Paper)],
+            presets: vec![
+                preset("default", Preset::Default),
+                preset("fast", Preset::Fast),
+                preset("paper", Preset::Paper),
+            ],
         }
     }
 }

@@ -21,13 +21,17 @@ pub struct FrameRequest {
     pub formats: Vec<ReplyFormat>,
     /// When the transport saw the first byte of the request (monotonic).
     pub received_at: Instant,
+    /// Whose share of the server it counts against: the camera, else the address it came from; empty = nobody's in particular.
+    pub client: String,
 }
 
 impl FrameRequest {
-    /// When the answer is due.
+    /// When the answer is due; `None` for background requests.
     #[must_use]
-    pub fn deadline(&self) -> Instant {
-        self.received_at + self.options.latency_budget
+    pub fn deadline(&self) -> Option<Instant> {
+        self.options
+            .latency_budget_from_receipt()
+            .map(|budget| self.received_at + budget)
     }
 }
 
@@ -109,8 +113,11 @@ pub struct Calibration {
 /// Validated options of one request.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FrameOptions {
-    /// Time from `received_at` to the deadline.
+    /// Time from `received_at` to the deadline. Of background requests: from the moment a worker takes it, at most
+    /// [`UNBOUNDED`](Self::UNBOUNDED).
     pub latency_budget: Duration,
+    /// How the request is scheduled.
+    pub priority: PriorityClass,
     /// Rungs to run at most, the first included; `None` = the whole ladder.
     pub max_iterations: Option<u8>,
     /// Preset, disparity range, density, minimum confidence, region of interest.
@@ -121,19 +128,73 @@ pub struct FrameOptions {
     pub outputs: Outputs,
     /// How a protobuf result holds the disparity.
     pub disparity_encoding: DisparityEncoding,
+    /// How the payloads of a protobuf result are compressed.
+    pub compression: Compression,
+    /// Whether it may be matched at half resolution.
+    pub allow_downscale: bool,
+}
+
+impl FrameOptions {
+    /// The budget of a background request that was given none.
+    pub const UNBOUNDED: Duration = Duration::from_secs(24 * 3600);
+
+    /// The latency budget, if it counts from the first byte of the request.
+    #[must_use]
+    pub fn latency_budget_from_receipt(&self) -> Option<Duration> {
+        (self.priority != PriorityClass::Background).then_some(self.latency_budget)
+    }
 }
 
 impl Default for FrameOptions {
     fn default() -> Self {
         Self {
             latency_budget: Duration::from_millis(100),
+            priority: PriorityClass::default(),
             max_iterations: None,
             params: stereo::Params::default(),
             mesh: stereo::MeshParams::default(),
             outputs: Outputs::default(),
             disparity_encoding: DisparityEncoding::default(),
+            compression: Compression::default(),
+            allow_downscale: false,
         }
     }
+}
+
+/// How a request is scheduled.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+pub enum PriorityClass {
+    /// Answered within its budget or refused.
+    #[default]
+    Deadline,
+    /// As above, but the first to be dropped under overload.
+    BestEffort,
+    /// No deadline; runs when nothing else has to.
+    Background,
+}
+
+impl PriorityClass {
+    /// As options in JSON and metrics have it.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Deadline => "deadline",
+            Self::BestEffort => "best_effort",
+            Self::Background => "background",
+        }
+    }
+}
+
+/// How payloads are compressed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+pub enum Compression {
+    /// Not.
+    #[default]
+    None,
+    /// A Zstandard frame each.
+    Zstd,
+    /// An LZ4 frame each.
+    Lz4,
 }
 
 /// The parts a protobuf result can have.
@@ -147,6 +208,8 @@ pub struct Outputs {
     pub depth: bool,
     /// Triangle mesh.
     pub mesh: bool,
+    /// Whether the mesh may be left out when time is short.
+    pub mesh_is_optional: bool,
     /// One 3D point a valid pixel; needs calibration.
     pub points: bool,
     /// The left image's colours for mesh and points.
@@ -160,6 +223,7 @@ impl Default for Outputs {
             confidence: true,
             depth: false,
             mesh: true,
+            mesh_is_optional: false,
             points: false,
             colors: false,
         }
@@ -210,6 +274,44 @@ pub struct FrameReply {
     pub bodies: Vec<Bytes>,
     /// What was done, and how long it took.
     pub report: Report,
+    /// What the stages that were run were expected to take, and what they took.
+    pub costs: Option<(Duration, Duration)>,
+}
+
+/// What was cut of a frame, and why.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Degradation {
+    /// Fewer rungs were run than asked for.
+    pub rungs: Option<RungsCut>,
+    /// It was matched at half resolution.
+    pub is_half: bool,
+    /// The mesh was left out.
+    pub has_no_mesh: bool,
+}
+
+/// Why rungs were cut.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum RungsCut {
+    /// The next one would not have been done in time.
+    Budget,
+    /// Other requests needed the worker to keep their budgets.
+    Load,
+    /// A newer frame of the same camera came.
+    Superseded,
+}
+
+impl std::fmt::Display for Degradation {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let rungs = self.rungs.map(|why| match why {
+            RungsCut::Budget => "the latency budget left no time for another rung",
+            RungsCut::Load => "rungs were cut so that other requests keep their budgets",
+            RungsCut::Superseded => "rungs were cut because a newer frame of the camera came",
+        });
+        let half = self.is_half.then_some("matched at half resolution");
+        let mesh = self.has_no_mesh.then_some("the mesh was left out");
+        let parts: Vec<&str> = [rungs, half, mesh].into_iter().flatten().collect();
+        f.write_str(&parts.join("; "))
+    }
 }
 
 /// What was done for one frame. Durations are of the named stage alone, except `total`.
@@ -247,8 +349,10 @@ pub struct Report {
     pub quality_estimate: f32,
     /// Share of the pixels asked for that have a disparity, 0..=1.
     pub density: f32,
-    /// Why fewer rungs were run than asked for; empty if none were cut.
-    pub degradation: &'static str,
+    /// Steps of matching done, the first of the frame included.
+    pub steps: u64,
+    /// What was cut of what was asked for.
+    pub degradation: Degradation,
     /// Index of the worker.
     pub worker: u32,
     /// Name of this server.

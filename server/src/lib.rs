@@ -14,6 +14,7 @@ pub mod encode;
 pub mod geometry;
 pub mod info;
 pub mod job;
+mod metrics;
 pub mod offline;
 mod pool;
 pub mod service;
@@ -83,7 +84,7 @@ impl Server {
             })?;
         let service = Arc::new(Service::start(&config)?);
         let router = router(&config, simd, Arc::clone(&service));
-        let listening = listener.serve(&config.http, router);
+        let listening = listener.serve(&config.http, router, &service);
         Ok(Running {
             http_addr: listening.addr,
             service,

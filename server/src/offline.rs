@@ -17,7 +17,7 @@ use crate::StartError;
 use crate::args::MatchArgs;
 use crate::config::{Config, WorkersConfig};
 use crate::decode::{Side, inspect};
-use crate::job::{FrameReply, FrameRequest, ReplyFormat};
+use crate::job::{FrameReply, FrameRequest, PriorityClass, ReplyFormat};
 use crate::service::{OnRung, Service};
 use crate::status::ServiceError;
 use crate::wire::{FormParts, Intake, frame_request, request_from_form};
@@ -152,6 +152,8 @@ fn request(args: &MatchArgs) -> Result<FrameRequest, OfflineError> {
         request_id: String::new(),
         formats: OUTPUTS.iter().map(|&(_, format)| format).collect(),
         max_image_px: Config::default().limits.image_pixels,
+        peer: String::new(),
+        priority: PriorityClass::default(),
     };
     let fault = if has_shape {
         OfflineError::Usage

@@ -1,18 +1,20 @@
-//! The waist: every transport hands its frames in here, and every frame that comes in here is answered.
+//! The waist: every transport hands its frames in here, and every frame that comes in here is answered, and counted once.
 
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
 
-use stereo_scheduler::Ticket;
+use stereo_scheduler::{JobSpec, Ticket};
 use tokio::sync::watch;
 use tokio::time::timeout_at;
 
 use crate::StartError;
 use crate::config::Config;
 pub use crate::dispatch::OnRung;
-use crate::dispatch::{Admission, Dispatch};
-use crate::job::{FrameReply, FrameRequest};
-use crate::pool::{CostBook, Pool, Priming, Shared};
+use crate::dispatch::{Admission, Dispatch, Kind};
+use crate::job::{FrameReply, FrameRequest, PriorityClass};
+use crate::metrics::{CANCELLED, Metrics};
+use crate::pool::{Patience, Pool, Priming, Shared};
 use crate::status::ServiceError;
 
 /// The queue and the workers behind it.
@@ -21,6 +23,7 @@ pub struct Service {
     workers: usize,
     /// Taken by whoever stops the service.
     pool: Mutex<Option<Pool>>,
+    draining: watch::Sender<bool>,
 }
 
 /// What is going on inside, for `/readyz` and logs.
@@ -32,12 +35,12 @@ pub struct Health {
     pub workers_primed: usize,
     /// Those that could not match it.
     pub workers_failed: usize,
+    /// Whether a worker got stuck and no more are replaced.
+    pub is_crippled: bool,
     /// Requests that wait for a worker.
     pub queue_depth: usize,
     /// Whether new work is refused because the server is stopping.
     pub is_draining: bool,
-    /// Frames that failed because a worker panicked, since the start.
-    pub panics: u64,
 }
 
 impl Service {
@@ -49,23 +52,33 @@ impl Service {
         config.validate()?;
         let workers = &config.workers;
         let level = workers.level()?;
+        let count = workers.count as usize;
+        let metrics = Arc::new(Metrics::new());
+        metrics.workers.set(workers.count.into());
         // Lossless: the capacity is at most 65536.
-        let dispatch = Arc::new(Dispatch::new(workers.queue_capacity as usize));
+        let capacity = workers.queue_capacity as usize;
+        let dispatch = Dispatch::new(count, capacity, workers.policy.0, Arc::clone(&metrics));
         let shared = Arc::new(Shared {
-            dispatch,
-            costs: CostBook::default(),
+            dispatch: Arc::new(dispatch),
+            metrics,
             instance: config.instance.clone(),
             priming: watch::Sender::new(Priming::default()),
-            panics: AtomicU64::new(0),
+            is_crippled: AtomicBool::new(false),
         });
-        let pool = Pool::start(workers.count, level, &shared).map_err(|source| StartError::Threads {
-            count: workers.count,
-            source,
-        })?;
+        let patience = Patience {
+            stuck_after: workers.stuck_after,
+            replacements: workers.replacements,
+        };
+        let pool =
+            Pool::start(workers.count, level, patience, &shared).map_err(|source| StartError::Threads {
+                count: workers.count,
+                source,
+            })?;
         Ok(Self {
             shared,
-            workers: workers.count as usize,
+            workers: count,
             pool: Mutex::new(Some(pool)),
+            draining: watch::Sender::new(false),
         })
     }
 
@@ -73,9 +86,9 @@ impl Service {
     /// at the next step.
     ///
     /// # Errors
-    /// [`ServiceError`]: refused before work (queue full, draining), expired while waiting (at the deadline, whether or not a
-    /// worker is free), or failed. A result with fewer rungs than asked for, or one that came late because its first rung took
-    /// too long, is a success whose report says so.
+    /// [`ServiceError`]: refused before work (it can't be met, queue full, share used up, draining), expired while waiting (at the
+    /// deadline, whether or not a worker is free), superseded, or failed. A result with fewer rungs than asked for, or one that came
+    /// late because its first rung took too long, is a success whose report says so.
     pub async fn submit(&self, request: FrameRequest) -> Result<FrameReply, ServiceError> {
         self.submit_watched(request, None).await
     }
@@ -90,22 +103,82 @@ impl Service {
         on_rung: Option<OnRung>,
     ) -> Result<FrameReply, ServiceError> {
         let request_id = request.ids.request_id.clone();
+        let class = request.options.priority;
+        let received_at = request.received_at;
         let outcome = self.admit(request, on_rung).await;
         match &outcome {
-            Ok(FrameReply { report, .. }) => tracing::debug!(
-                request_id,
-                queued = ?report.queued,
-                decoded = ?report.decoded,
-                matched = ?report.matched,
-                meshed = ?report.meshed,
-                encoded = ?report.encoded,
-                iterations = report.iterations_run,
-                deadline_met = report.deadline_met,
-                "answered"
-            ),
-            Err(error) => tracing::debug!(request_id, reason = error.reason_name(), %error, "refused"),
+            Ok(FrameReply { report, costs, .. }) => {
+                self.shared.metrics.ended(Some(class), "OK");
+                self.shared.metrics.answered(class, report, *costs);
+                tracing::debug!(
+                    request_id,
+                    queued = ?report.queued,
+                    decoded = ?report.decoded,
+                    matched = ?report.matched,
+                    meshed = ?report.meshed,
+                    encoded = ?report.encoded,
+                    iterations = report.iterations_run,
+                    slack = ?report.budget.saturating_sub(report.total),
+                    deadline_met = report.deadline_met,
+                    "answered"
+                );
+            }
+            Err(error) => self.count_refusal(Some(class), error, received_at, &request_id),
         }
         outcome
+    }
+
+    /// Counts a request that a transport refuses before it has become a frame, and hands the refusal back.
+    pub fn refuse(&self, error: ServiceError, received_at: Instant, request_id: &str) -> ServiceError {
+        self.count_refusal(None, &error, received_at, request_id);
+        error
+    }
+
+    /// Counts a request whose client has gone before it had become a frame.
+    pub fn count_cancelled(&self) {
+        self.shared.metrics.ended(None, CANCELLED);
+    }
+
+    /// Whether a request of this kind could be admitted now, before its body is read.
+    ///
+    /// # Errors
+    /// What [`submit`](Self::submit) would refuse it with.
+    pub(crate) fn assess(
+        &self,
+        spec: &JobSpec<Kind>,
+        budget: Duration,
+        received_at: Instant,
+    ) -> Result<(), ServiceError> {
+        self.shared.dispatch.assess(spec, budget, received_at)
+    }
+
+    /// A moment as the scheduler has it.
+    pub(crate) fn scheduler_time(&self, instant: Instant) -> Duration {
+        self.shared.dispatch.scheduler_time(instant)
+    }
+
+    /// A request as the scheduler has it.
+    pub(crate) fn spec(&self, request: &FrameRequest) -> JobSpec<Kind> {
+        self.shared.dispatch.spec(request)
+    }
+
+    /// Waits until new work is refused.
+    pub async fn draining(&self) {
+        // The sender lives in `self`, so waiting can't fail.
+        drop(self.draining.subscribe().wait_for(|&draining| draining).await);
+    }
+
+    fn count_refusal(
+        &self,
+        class: Option<PriorityClass>,
+        error: &ServiceError,
+        received_at: Instant,
+        request_id: &str,
+    ) {
+        let metrics = &self.shared.metrics;
+        metrics.ended(class, error.reason_name());
+        metrics.refused(received_at.elapsed());
+        tracing::debug!(request_id, reason = error.reason_name(), %error, "refused");
     }
 
     async fn admit(
@@ -114,21 +187,36 @@ impl Service {
         on_rung: Option<OnRung>,
     ) -> Result<FrameReply, ServiceError> {
         let deadline = request.deadline();
-        let budget = request.options.latency_budget;
+        let class = request.options.priority;
         let dispatch = &self.shared.dispatch;
-        let Admission { ticket, mut outcome } = dispatch.push(request, on_rung)?;
-        let _waiting = LeaveOnDrop { dispatch, ticket };
-        let received = match timeout_at(deadline.into(), &mut outcome).await {
-            Ok(received) => received,
-            Err(_) if dispatch.take_back(ticket).is_some() => {
-                return Err(ServiceError::Expired {
-                    budget,
-                    earliest_feasible: None,
-                });
-            }
-            // A worker has it: it stops after the rung it is at.
-            Err(_) => outcome.await,
+        let mut leaving = Leaving {
+            shared: &self.shared,
+            class,
+            ticket: None,
         };
+        let Admission { ticket, mut outcome } = match dispatch.submit(request, on_rung) {
+            Ok(admission) => admission,
+            Err(error) => {
+                leaving.stay();
+                return Err(error);
+            }
+        };
+        leaving.ticket = Some(ticket);
+        let in_time = match deadline {
+            None => None,
+            Some(deadline) => timeout_at(deadline.into(), &mut outcome).await.ok(),
+        };
+        let received = match in_time {
+            Some(received) => received,
+            None => {
+                if deadline.is_some() {
+                    // Answers it if it still waits. If a worker has it, that stops after the step it is at.
+                    dispatch.expire();
+                }
+                outcome.await
+            }
+        };
+        leaving.stay();
         received.unwrap_or_else(|_| Err(ServiceError::Internal("the worker went away".to_owned())))
     }
 
@@ -140,10 +228,41 @@ impl Service {
             workers: self.workers,
             workers_primed: succeeded,
             workers_failed: failed,
+            is_crippled: self.shared.is_crippled(),
             queue_depth: self.shared.dispatch.depth(),
-            is_draining: self.shared.dispatch.is_draining(),
-            panics: self.shared.panics.load(Ordering::Relaxed),
+            is_draining: self.is_draining(),
         }
+    }
+
+    /// Whether new work is refused because the server is stopping.
+    #[must_use]
+    pub fn is_draining(&self) -> bool {
+        self.shared.dispatch.is_draining()
+    }
+
+    /// Worker threads in all.
+    #[must_use]
+    pub fn workers(&self) -> usize {
+        self.workers
+    }
+
+    pub(crate) fn metrics(&self) -> &Arc<Metrics> {
+        &self.shared.metrics
+    }
+
+    /// Everything that is counted, as OpenMetrics text.
+    #[must_use]
+    pub fn metrics_text(&self) -> String {
+        let snapshot = self.shared.dispatch.snapshot();
+        let metrics = &self.shared.metrics;
+        let whole = |count: usize| i64::try_from(count).unwrap_or(i64::MAX);
+        metrics
+            .queue_depth
+            .set(whole(snapshot.waiting + snapshot.background_waiting));
+        metrics.workers_busy.set(whole(snapshot.busy_workers));
+        metrics.overload_rung.set(snapshot.level as i64);
+        metrics.draining.set(self.is_draining().into());
+        metrics.text()
     }
 
     /// Waits until every worker is done with its dummy pair, and says whether all could match it.
@@ -156,9 +275,15 @@ impl Service {
         done.is_ok_and(|priming| priming.failed == 0)
     }
 
+    /// Refuses new work from now on: the first part of [`drain`](Self::drain).
+    pub fn stop_admitting(&self) {
+        self.shared.dispatch.drain();
+        self.draining.send_replace(true);
+    }
+
     /// Refuses new work from now on, waits until everything admitted is finished or expired, and ends the workers.
     pub async fn drain(&self) {
-        self.shared.dispatch.drain();
+        self.stop_admitting();
         self.shared.dispatch.drained().await;
         self.shared.dispatch.close();
         let pool = self.pool.lock().unwrap_or_else(PoisonError::into_inner).take();
@@ -175,15 +300,27 @@ impl Drop for Service {
     }
 }
 
-/// Takes the job out of the queue when the caller stops waiting for it.
-struct LeaveOnDrop<'a> {
-    dispatch: &'a Dispatch,
-    ticket: Ticket,
+/// Takes the job back, and counts it, when the caller stops waiting for it.
+struct Leaving<'a> {
+    shared: &'a Shared,
+    class: PriorityClass,
+    ticket: Option<Ticket>,
 }
 
-impl Drop for LeaveOnDrop<'_> {
+impl Leaving<'_> {
+    /// The job has ended by itself.
+    fn stay(&mut self) {
+        self.ticket = None;
+    }
+}
+
+impl Drop for Leaving<'_> {
     fn drop(&mut self) {
-        drop(self.dispatch.take_back(self.ticket));
+        if let Some(ticket) = self.ticket.take() {
+            self.shared.dispatch.cancel(ticket);
+            self.shared.metrics.ended(Some(self.class), CANCELLED);
+            self.shared.metrics.dropped(CANCELLED);
+        }
     }
 }
 

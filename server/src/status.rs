@@ -72,6 +72,38 @@ pub enum ServiceError {
         /// How many bytes all bodies together may have.
         limit: u64,
     },
+    /// The client's share is used up and the others need the rest.
+    #[error(
+        "this client has used up its share of the server, and the others need the rest: {}", feasible(*.earliest_feasible)
+    )]
+    Quota {
+        /// The smallest budget that could be met now, if that is known.
+        earliest_feasible: Option<Duration>,
+    },
+    /// A newer frame of the camera came before this one was begun.
+    #[error(
+        "a newer frame of this camera has taken the place of this one: send the newest only, or no sequence numbers"
+    )]
+    Superseded,
+    /// A best-effort frame whose place was needed.
+    #[error(
+        "this best-effort request made room for one of class deadline: try again in a moment or at another server"
+    )]
+    Displaced,
+    /// The replies of a batch pile up.
+    #[error(
+        "the replies were not read for {limit:?}, so what was left of the batch was dropped: read while writing"
+    )]
+    SlowReader {
+        /// How long the server waited.
+        limit: Duration,
+    },
+    /// There are connections enough.
+    #[error("{limit} connections are open already: try again in a moment or at another server")]
+    TooManyConnections {
+        /// How many may be open.
+        limit: u32,
+    },
     /// The server is stopping.
     #[error("the server is stopping and takes no new work: try another server")]
     Draining,
@@ -109,7 +141,11 @@ impl ServiceError {
             Self::UnsupportedMediaType { .. } => (Reason::Invalid, 415),
             Self::Unmatchable(_) => (Reason::Invalid, 422),
             Self::TooLarge(_) => (Reason::TooLarge, 413),
+            Self::Superseded => (Reason::Superseded, 409),
+            Self::SlowReader { .. } => (Reason::SlowReader, 408),
+            Self::Quota { .. } => (Reason::Quota, 429),
             Self::Internal(_) => (Reason::Internal, 500),
+            Self::Displaced | Self::TooManyConnections { .. } => (Reason::QueueFull, 503),
             Self::QueueFull { .. } => (Reason::QueueFull, 503),
             Self::BytesInFlight { .. } => (Reason::QueueFull, 503),
             Self::Draining => (Reason::Draining, 503),
@@ -143,6 +179,7 @@ impl ServiceError {
             Self::QueueFull {
                 earliest_feasible, ..
             }
+            | Self::Quota { earliest_feasible }
             | Self::DeadlineInfeasible {
                 earliest_feasible, ..
             }
@@ -157,9 +194,12 @@ impl ServiceError {
     #[must_use]
     pub fn retry_after_s(&self) -> Option<u64> {
         let wait = match self {
-            Self::QueueFull { .. } | Self::BytesInFlight { .. } | Self::Draining => {
-                self.earliest_feasible().unwrap_or(Duration::from_secs(1))
-            }
+            Self::QueueFull { .. }
+            | Self::BytesInFlight { .. }
+            | Self::Draining
+            | Self::Displaced
+            | Self::Quota { .. }
+            | Self::TooManyConnections { .. } => self.earliest_feasible().unwrap_or(Duration::from_secs(1)),
             _ => self.earliest_feasible()?,
         };
         Some((wait.as_secs() + u64::from(wait.subsec_nanos() > 0)).max(1))
@@ -225,9 +265,11 @@ fn title(code: u16) -> &'static str {
         405 => "Method Not Allowed",
         406 => "Not Acceptable",
         408 => "Request Timeout",
+        409 => "Conflict",
         413 => "Content Too Large",
         415 => "Unsupported Media Type",
         422 => "Unprocessable Content",
+        429 => "Too Many Requests",
         503 => "Service Unavailable",
         504 => "Gateway Timeout",
         _ => "Internal Server Error",
@@ -306,6 +348,11 @@ mod tests {
             ),
             (ServiceError::BytesInFlight { limit: 1 << 20 }, 503, "QUEUE_FULL"),
             (ServiceError::Draining, 503, "DRAINING"),
+            (ServiceError::Superseded, 409, "SUPERSEDED"),
+            (ServiceError::Displaced, 503, "QUEUE_FULL"),
+            (ServiceError::TooManyConnections { limit: 4 }, 503, "QUEUE_FULL"),
+            (ServiceError::Quota { earliest_feasible }, 429, "QUOTA"),
+            (ServiceError::SlowReader { limit: budget }, 408, "SLOW_READER"),
             (
                 ServiceError::DeadlineInfeasible {
                     budget,

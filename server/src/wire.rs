@@ -8,9 +8,11 @@
 //! MatchedFrame ── result_body ──> StereoResult
 //! ```
 //!
-//! Whatever way a request came, one path checks it. An option or encoding that isn't built yet is refused naming it.
+//! Whatever way a request came, one path checks it. A batch is such messages one after another ([`Delimited`]).
 
 mod budget;
+mod compress;
+mod delimited;
 mod form;
 mod images;
 mod options;
@@ -20,6 +22,7 @@ mod request;
 mod result;
 
 pub use budget::{latency_budget_from_grpc_timeout, latency_budget_from_ms};
+pub use delimited::{Delimited, delimited, delimited_result_head};
 pub use form::{FormParts, request_from_form};
 pub use request::{Intake, decode_request, frame_request};
 pub use result::result_body;

@@ -8,8 +8,10 @@
 pub mod dataset;
 pub mod degrade;
 pub mod gray;
+pub mod machine;
 pub mod matching;
 pub mod process;
+pub mod readme;
 pub mod registry_pair;
 pub mod render;
 pub mod scene;

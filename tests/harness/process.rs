@@ -94,6 +94,17 @@ pub fn run(args: &[&str]) -> Result<Output> {
         .context("can't run stereod")
 }
 
+/// How a server is started.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Launch<'a> {
+    /// The program; `None` = the release binary of this workspace.
+    pub program: Option<&'a Path>,
+    /// The cores it may run on, as `taskset --cpu-list` takes them; `None` = all.
+    pub cores: Option<&'a str>,
+    /// Arguments of `stereod serve`, besides the address and the log level.
+    pub args: &'a [&'a str],
+}
+
 /// A running server.
 #[derive(Debug)]
 pub struct Stereod {
@@ -109,13 +120,38 @@ impl Stereod {
     /// # Errors
     /// If the binary can't be built or started, or ends before it listens.
     pub fn start(args: &[&str]) -> Result<Self> {
-        let mut child = Command::new(binary()?)
+        Self::launch(&Launch {
+            args,
+            ..Launch::default()
+        })
+    }
+
+    /// As [`start`](Self::start), with a say in which program runs where.
+    ///
+    /// # Errors
+    /// If the program can't be built or started, or ends before it listens.
+    pub fn launch(launch: &Launch<'_>) -> Result<Self> {
+        let Launch { program, cores, args } = *launch;
+        let program = match program {
+            Some(program) => program,
+            None => binary()?,
+        };
+        // `taskset` becomes the program it starts, so the child's id is the server's.
+        let mut command = match cores {
+            Some(cores) => {
+                let mut command = Command::new("taskset");
+                command.args(["--cpu-list", cores]).arg(program);
+                command
+            }
+            None => Command::new(program),
+        };
+        let mut child = command
             .args(["serve", "--http", "127.0.0.1:0", "--log", "error"])
             .args(args)
             .stdin(Stdio::null())
             .stdout(Stdio::piped())
             .spawn()
-            .context("can't start stereod")?;
+            .with_context(|| format!("can't start {}", program.display()))?;
         let mut stdout = BufReader::new(child.stdout.take().context("its output is piped")?);
         let mut line = String::new();
         loop {
@@ -142,6 +178,27 @@ impl Stereod {
     #[must_use]
     pub fn url(&self) -> &str {
         &self.url
+    }
+
+    /// The most memory it has ever had in use at one time, in bytes (Linux's `VmHWM`); `None` where the system doesn't say.
+    #[must_use]
+    pub fn memory_peak_bytes(&self) -> Option<u64> {
+        let status = std::fs::read_to_string(format!("/proc/{}/status", self.child.id())).ok()?;
+        let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
+        let kib: u64 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;
+        Some(kib * 1024)
+    }
+
+    /// Memory it has in use now (resident set), in bytes.
+    ///
+    /// # Errors
+    /// If the system doesn't say.
+    pub fn memory_bytes(&self) -> Result<u64> {
+        let path = format!("/proc/{}/status", self.child.id());
+        let status = std::fs::read_to_string(&path).with_context(|| format!("can't read {path}"))?;
+        let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:"));
+        let kib = line.and_then(|line| line.trim().strip_suffix(" kB"));
+        Ok(1024 * kib.context("no VmRSS")?.trim().parse::<u64>()?)
     }
 
     /// Asks it to stop, as a service manager does (SIGTERM), and waits until it has.

@@ -59,8 +59,9 @@ async fn unknown_and_malformed_options_are_400_naming_them() {
             json!({ "calibration": { "focal_px": -1, "cx_px": 0, "cy_px": 0, "baseline_m": 1 } }),
             ["focal_px"],
         ),
-        (json!({ "compression": "zstd" }), ["compression"]),
-        (json!({ "allow_downscale": true }), ["allow_downscale"]),
+        (json!({ "compression": "gzip" }), ["compression"]),
+        (json!({ "priority_class": "vip" }), ["priority_class"]),
+        (json!({ "allow_downscale": "yes" }), ["allow_downscale"]),
         (json!([1, 2]), ["options"]),
     ] {
         server

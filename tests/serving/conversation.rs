@@ -122,6 +122,33 @@ impl Server {
         assert!(again.body == expected.body, "the same pair got another answer");
     }
 
+    /// The value of a series in the metrics.
+    pub(crate) async fn metric(&self, series: &str) -> f64 {
+        let reply = self.get("/metrics").await;
+        let text = String::from_utf8(reply.body).expect("text");
+        let value = text
+            .lines()
+            .find_map(|line| line.strip_prefix(series)?.strip_prefix(' '));
+        value
+            .unwrap_or_else(|| panic!("no series {series} in\n{text}"))
+            .parse()
+            .expect("a number")
+    }
+
+    /// Waits until a series has this value.
+    pub(crate) async fn until(&self, series: &str, value: f64) {
+        while self.metric(series).await < value {
+            tokio::task::yield_now().await;
+        }
+    }
+
+    /// Waits until the workers are primed.
+    pub(crate) async fn until_ready(&self) {
+        while self.get("/readyz").await.status != 200 {
+            tokio::task::yield_now().await;
+        }
+    }
+
     /// The test pair's answer with all defaults.
     pub(crate) async fn good(&self) -> Reply {
         self.post_pair("image/png", json!({})).await

@@ -22,7 +22,7 @@ async fn sigterm_ends_the_server_with_exit_code_0() {
 }
 
 /// 2 megapixels of noise: work for long enough to stop the server in the middle of it.
-fn large_message() -> v1::StereoRequest {
+pub(crate) fn large_message() -> v1::StereoRequest {
     let mut request = message();
     let mut state = 1_u32;
     for image in [&mut request.left, &mut request.right].into_iter().flatten() {

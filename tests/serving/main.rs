@@ -7,11 +7,15 @@
 mod bad_bodies;
 mod bad_images;
 mod bad_options;
+mod batch;
+mod budgets;
 mod client;
 mod conversation;
+mod crowds;
 mod encodings;
 mod files;
 mod lifecycle;
+mod load;
 mod mutated_files;
 mod offline;
 mod options;

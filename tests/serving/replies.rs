@@ -241,7 +241,7 @@ async fn the_server_describes_itself() {
         .iter()
         .map(|p| &p["name"])
         .collect();
-    assert_eq!(names, ["default", "paper"]);
+    assert_eq!(names, ["default", "fast", "paper"]);
     let schema = server.get("/v1/schema.binpb").await;
     assert_eq!(schema.status, 200);
     let set = prost_types::FileDescriptorSet::decode(schema.body.as_slice()).expect("a descriptor set");

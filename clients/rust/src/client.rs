@@ -1,22 +1,32 @@
 //! The client itself.
 
+use std::io::ErrorKind;
 use std::net::IpAddr;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 use bytes::Bytes;
+use futures_util::{Stream, StreamExt, stream};
 use prost::Message;
 use reqwest::header::{ACCEPT, CONTENT_TYPE, HeaderMap};
 use reqwest::multipart::{Form, Part};
 use reqwest::{RequestBuilder, Response, Url};
 use stereo_proto::v1::{Status, StereoRequest, StereoResult};
+use tokio::sync::oneshot;
 
+use crate::compression::decompress;
 use crate::error::status_from_problem_json;
-use crate::{Accept, ClientError, Info, Reply, StageTimes};
+use crate::{Accept, BatchReplies, ClientError, Info, Reply, StageTimes};
 
 /// How long a connection may take to be made.
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(5);
 /// How long a whole exchange may take: the largest latency budget, and time to send and receive.
 const EXCHANGE_TIMEOUT: Duration = Duration::from_secs(120);
+/// How long a batch may take.
+const BATCH_TIMEOUT: Duration = Duration::from_secs(24 * 3600);
+/// Media type of messages one after another.
+const DELIMITED: &str = "application/x-protobuf; delimited=true";
 /// Time between two questions whether the server is ready.
 const READY_INTERVAL: Duration = Duration::from_millis(20);
 
@@ -75,7 +85,55 @@ impl Client {
             .header(ACCEPT, stereo_proto::CONTENT_TYPE)
             .body(request.encode_to_vec());
         let answer = self.exchange(exchange).await?;
-        StereoResult::decode(answer.body).map_err(|why| ClientError::Malformed(why.to_string()))
+        let mut result =
+            StereoResult::decode(answer.body).map_err(|why| ClientError::Malformed(why.to_string()))?;
+        decompress(&mut result)?;
+        Ok(result)
+    }
+
+    /// Matches any number of pairs: requests are sent while replies come, in the order in which they are done. The server reads no faster
+    /// than it works, so `requests` may be endless; it has to be polled while replies are read, which happens by itself. Dropping
+    /// the replies cancels the rest.
+    ///
+    /// # Errors
+    /// As [`match_pair`](Self::match_pair) if the batch is not taken at all.
+    pub async fn match_batch<S>(&self, requests: S) -> Result<BatchReplies, ClientError>
+    where
+        S: Stream<Item = StereoRequest> + Send + 'static,
+    {
+        let sent = Arc::new(AtomicU64::new(0));
+        let counting = Arc::clone(&sent);
+        // Ends with an error, which closes the connection, when nobody wants the replies any more.
+        let (wanted, unwanted) = oneshot::channel::<()>();
+        let body = stream::unfold(Some((Box::pin(requests), unwanted)), move |state| {
+            let counting = Arc::clone(&counting);
+            async move {
+                let (mut requests, mut unwanted) = state?;
+                tokio::select! {
+                    biased;
+                    _ = &mut unwanted => Some((Err(std::io::Error::from(ErrorKind::BrokenPipe)), None)),
+                    request = requests.next() => {
+                        let bytes = Bytes::from(request?.encode_length_delimited_to_vec());
+                        counting.fetch_add(1, Ordering::Relaxed);
+                        Some((Ok(bytes), Some((requests, unwanted))))
+                    }
+                }
+            }
+        });
+        let exchange = self
+            .http
+            .post(self.url("/v1/stereo/batch")?)
+            .header(CONTENT_TYPE, DELIMITED)
+            .header(ACCEPT, stereo_proto::CONTENT_TYPE)
+            .timeout(BATCH_TIMEOUT)
+            .body(reqwest::Body::wrap_stream(body));
+        let answer = exchange.send().await.map_err(|error| self.failed(&error))?;
+        if answer.status().is_success() {
+            return Ok(BatchReplies::new(self.base.to_string(), answer, sent, wanted));
+        }
+        let (code, content_type, _) = head(&answer);
+        let body = answer.bytes().await.map_err(|error| self.failed(&error))?;
+        Err(self.refused(code, &content_type, &body))
     }
 
     /// Matches one pair of image files; the reply is a file of the wanted type.
@@ -149,23 +207,10 @@ impl Client {
 
     /// Sends a request and takes the whole answer, which is a success.
     async fn exchange(&self, request: RequestBuilder) -> Result<Reply, ClientError> {
-        let url = || self.base.to_string();
-        let answer = request.send().await.map_err(|error| match error.is_connect() {
-            true => ClientError::Unreachable {
-                url: url(),
-                why: chain(&error),
-            },
-            false => ClientError::Interrupted {
-                url: url(),
-                why: chain(&error),
-            },
-        })?;
+        let answer = request.send().await.map_err(|error| self.failed(&error))?;
         let (code, content_type, timing) = head(&answer);
         let is_success = answer.status().is_success();
-        let body = answer.bytes().await.map_err(|error| ClientError::Interrupted {
-            url: url(),
-            why: chain(&error),
-        })?;
+        let body = answer.bytes().await.map_err(|error| self.failed(&error))?;
         if is_success {
             return Ok(Reply {
                 body,
@@ -173,8 +218,22 @@ impl Client {
                 stages: StageTimes::parse(&timing),
             });
         }
-        Err(refusal(&content_type, &body)
-            .map_or(ClientError::Unexpected { url: url(), code }, ClientError::Refused))
+        Err(self.refused(code, &content_type, &body))
+    }
+
+    /// What the network did.
+    fn failed(&self, error: &reqwest::Error) -> ClientError {
+        let (url, why) = (self.base.to_string(), chain(error));
+        match error.is_connect() {
+            true => ClientError::Unreachable { url, why },
+            false => ClientError::Interrupted { url, why },
+        }
+    }
+
+    /// What the server said.
+    fn refused(&self, code: u16, content_type: &str, body: &Bytes) -> ClientError {
+        let url = self.base.to_string();
+        refusal(content_type, body).map_or(ClientError::Unexpected { url, code }, ClientError::Refused)
     }
 }
 
@@ -210,7 +269,7 @@ fn refusal(content_type: &str, body: &Bytes) -> Option<Status> {
 }
 
 /// An error with its causes, which say what happened.
-fn chain(error: &dyn std::error::Error) -> String {
+pub(crate) fn chain(error: &dyn std::error::Error) -> String {
     let mut text = error.to_string();
     let mut cause = error.source();
     while let Some(error) = cause {

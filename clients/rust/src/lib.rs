@@ -17,12 +17,15 @@
 //! ```
 #![forbid(unsafe_code)]
 
+mod batch;
 mod client;
+mod compression;
 mod error;
 mod info;
 mod payload;
 mod reply;
 
+pub use batch::BatchReplies;
 pub use client::{Client, PairFiles};
 pub use error::ClientError;
 pub use info::{Info, Limits, PresetInfo};

@@ -127,7 +127,8 @@ impl ImageEncoding {
 #[derive(Clone, PartialEq, ::prost::Message)]
 pub struct Options {
     /// Time from the first byte of the request at the server to the answer, above 0 and up to 60 s. Absent = 100 ms. The
-    /// smallest of this and the transport's own (such as the header `X-Latency-Budget-Ms`) counts.
+    /// smallest of this and the transport's own (such as the header `X-Latency-Budget-Ms`) counts. For background requests:
+    /// time from the moment a worker takes the request, absent = no bound.
     #[prost(message, optional, tag = "1")]
     pub latency_budget: ::core::option::Option<::prost_types::Duration>,
     /// Rungs of the preset's ladder to run at most, the first included, 1 to 255; more than the ladder has = the whole
@@ -163,10 +164,11 @@ pub struct Options {
     /// How a `StereoResult` holds the disparity. Unspecified = DISPARITY_ENCODING_U16.
     #[prost(enumeration = "DisparityEncoding", tag = "11")]
     pub disparity_encoding: i32,
-    /// How a `StereoResult` is compressed. Unspecified = COMPRESSION_NONE.
+    /// How the payloads of a `StereoResult` are compressed; each part says it again. Unspecified = COMPRESSION_NONE.
     #[prost(enumeration = "Compression", tag = "12")]
     pub compression: i32,
-    /// Whether the server may match at half resolution when the budget is short. Absent = false.
+    /// Whether the server may match at half resolution when the budget is short or the server overloaded. The result keeps
+    /// the images' size, and its report says so. Absent = false.
     #[prost(bool, optional, tag = "13")]
     pub allow_downscale: ::core::option::Option<bool>,
     /// Which triangles the mesh keeps.
@@ -175,6 +177,10 @@ pub struct Options {
     /// Whether mesh and points get the left image's colours. Absent = false.
     #[prost(bool, optional, tag = "15")]
     pub colors: ::core::option::Option<bool>,
+    /// Whether the mesh may be left out of a `StereoResult` when the budget is short or the server overloaded. Its report says
+    /// so. Absent = false.
+    #[prost(bool, optional, tag = "16")]
+    pub mesh_is_optional: ::core::option::Option<bool>,
 }
 /// Which triangles a mesh keeps.
 #[derive(Clone, Copy, PartialEq, ::prost::Message)]
@@ -271,7 +277,7 @@ pub enum PriorityClass {
     Deadline = 1,
     /// As above, but the first to be dropped under overload.
     BestEffort = 2,
-    /// No deadline; runs when nothing else has to.
+    /// No deadline; runs when nothing else has to. All requests of a batch are of this class.
     Background = 3,
 }
 impl PriorityClass {
@@ -388,9 +394,9 @@ pub enum Compression {
     Unspecified = 0,
     /// Not compressed.
     None = 1,
-    /// Zstandard.
+    /// A Zstandard frame.
     Zstd = 2,
-    /// LZ4 frames.
+    /// An LZ4 frame.
     Lz4 = 3,
 }
 impl Compression {
@@ -457,6 +463,9 @@ pub struct Disparity {
     /// wanted.
     #[prost(bytes = "bytes", tag = "12")]
     pub confidence: ::prost::bytes::Bytes,
+    /// How `data` and `confidence` are compressed, each by itself; a PNG in `data` is left as it is. Unspecified = not.
+    #[prost(enumeration = "Compression", tag = "13")]
+    pub compression: i32,
 }
 /// Depth of the left image's pixels along the optical axis.
 #[derive(Clone, PartialEq, ::prost::Message)]
@@ -485,6 +494,9 @@ pub struct Depth {
     /// The pixels that were matched.
     #[prost(message, optional, tag = "8")]
     pub valid_window: ::core::option::Option<Region>,
+    /// How `data` is compressed. Unspecified = not.
+    #[prost(enumeration = "Compression", tag = "9")]
+    pub compression: i32,
 }
 /// Triangle mesh over the left image. All numbers are little endian.
 #[derive(Clone, PartialEq, Eq, Hash, ::prost::Message)]
@@ -513,6 +525,9 @@ pub struct Mesh {
     /// Three bytes a vertex: red, green and blue in the left image; empty unless asked for.
     #[prost(bytes = "bytes", tag = "8")]
     pub colors: ::prost::bytes::Bytes,
+    /// How `positions`, `indices`, `uvs`, `disparities` and `colors` are compressed, each by itself. Unspecified = not.
+    #[prost(enumeration = "Compression", tag = "9")]
+    pub compression: i32,
 }
 /// One 3D point for each valid pixel, row by row.
 #[derive(Clone, PartialEq, Eq, Hash, ::prost::Message)]
@@ -529,6 +544,9 @@ pub struct PointCloud {
     /// Three bytes a point: red, green and blue in the left image; empty unless asked for.
     #[prost(bytes = "bytes", tag = "4")]
     pub colors: ::prost::bytes::Bytes,
+    /// How `positions` and `colors` are compressed, each by itself. Unspecified = not.
+    #[prost(enumeration = "Compression", tag = "5")]
+    pub compression: i32,
 }
 /// What the positions of a mesh are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, ::prost::Enumeration)]
@@ -566,7 +584,7 @@ impl MeshSpace {
 /// What was done for one request. A stage's duration is that stage's alone.
 #[derive(Clone, PartialEq, ::prost::Message)]
 pub struct ExecutionReport {
-    /// The latency budget the request had.
+    /// The latency budget the request had; absent if it had none (background).
     #[prost(message, optional, tag = "1")]
     pub budget: ::core::option::Option<::prost_types::Duration>,
     /// From the first byte of the request until it was whole and in the queue.
@@ -614,7 +632,7 @@ pub struct ExecutionReport {
     /// Share of the pixels asked for that have a disparity, 0 to 1.
     #[prost(float, tag = "16")]
     pub density: f32,
-    /// Why fewer rungs were run than asked for; empty if none were cut.
+    /// Why less was done than asked for (fewer rungs, half resolution, no mesh); empty if nothing was cut.
     #[prost(string, tag = "17")]
     pub degradation: ::prost::alloc::string::String,
     /// Number of the worker, from 0.
@@ -709,6 +727,8 @@ pub enum Reason {
     Unauthenticated = 10,
     /// The credential does not allow this.
     Forbidden = 11,
+    /// The client did not read its replies; what was left of its batch was dropped.
+    SlowReader = 12,
 }
 impl Reason {
     /// String value of the enum field names used in the ProtoBuf definition.
@@ -729,6 +749,7 @@ impl Reason {
             Self::Internal => "REASON_INTERNAL",
             Self::Unauthenticated => "REASON_UNAUTHENTICATED",
             Self::Forbidden => "REASON_FORBIDDEN",
+            Self::SlowReader => "REASON_SLOW_READER",
         }
     }
     /// Creates an enum from field names used in the ProtoBuf definition.
@@ -746,6 +767,7 @@ impl Reason {
             "REASON_INTERNAL" => Some(Self::Internal),
             "REASON_UNAUTHENTICATED" => Some(Self::Unauthenticated),
             "REASON_FORBIDDEN" => Some(Self::Forbidden),
+            "REASON_SLOW_READER" => Some(Self::SlowReader),
             _ => None,
         }
     }
@@ -753,7 +775,8 @@ impl Reason {
 /// The outcome of one request of a batch; replies come as they finish, not in the order of the requests.
 #[derive(Clone, PartialEq, ::prost::Message)]
 pub struct BatchReply {
-    /// The request's id.
+    /// The request's id; if it had none, the batch's id, a slash and the request's place in the batch from 0. Empty if the status
+    /// is about the batch as a whole, which ends with it.
     #[prost(string, tag = "1")]
     pub request_id: ::prost::alloc::string::String,
     /// What became of it.
@@ -782,7 +805,8 @@ pub struct StereoRequest {
     /// The camera's name, `\[A-Za-z0-9_.-\]{1,64}`, or empty; echoed.
     #[prost(string, tag = "2")]
     pub camera_id: ::prost::alloc::string::String,
-    /// Frame number of that camera; echoed.
+    /// Frame number of that camera; echoed. Frames with a camera and a number are a stream: one that still waits when
+    /// the next arrives is answered as SUPERSEDED, one that is worked on ends with the rungs it has.
     #[prost(uint64, optional, tag = "3")]
     pub sequence: ::core::option::Option<u64>,
     /// When the pair was taken, by the camera's clock; echoed. Absent = the left image's timestamp, if it has one.

@@ -6,8 +6,8 @@ use bytes::Bytes;
 use stereo::{DisparityMap, GrayView, Mesh, Shape, Vertex};
 
 use crate::job::{
-    Calibration, DisparityEncoding, FrameIds, FrameOptions, FrameRequest, ImageData, ImageEncoding,
-    MatchedFrame, Outputs, PixelFormat, Report,
+    Calibration, Degradation, DisparityEncoding, FrameIds, FrameOptions, FrameRequest, ImageData,
+    ImageEncoding, MatchedFrame, Outputs, PixelFormat, Report, RungsCut,
 };
 
 pub(super) const WIDTH: usize = 48;
@@ -72,13 +72,16 @@ impl Sample {
                     confidence: false,
                     depth: false,
                     mesh: true,
+                    mesh_is_optional: false,
                     points: false,
                     colors: false,
                 },
                 disparity_encoding: DisparityEncoding::U16,
+                ..FrameOptions::default()
             },
             formats: Vec::new(),
             received_at: Instant::now(),
+            client: String::new(),
         };
         let mut map = DisparityMap::new(Shape::new(WIDTH, HEIGHT).unwrap());
         for (i, fixed) in map.parts_mut().0.iter_mut().enumerate() {
@@ -132,7 +135,10 @@ pub(super) fn report() -> Report {
         deadline_met: true,
         quality_estimate: 0.9,
         density: 0.75,
-        degradation: "deadline",
+        degradation: Degradation {
+            rungs: Some(RungsCut::Budget),
+            ..Degradation::default()
+        },
         instance: "stereod".into(),
         software_version: "0.1.0",
         ..Report::default()

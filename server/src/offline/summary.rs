@@ -4,7 +4,7 @@ use std::io::{self, Write, stdout};
 use std::path::PathBuf;
 use std::time::Duration;
 
-use crate::job::Report;
+use crate::job::{Degradation, Report};
 
 /// Prints the stages' times, what was done, and the files.
 pub(super) fn print(report: &Report, written: &[PathBuf]) -> io::Result<()> {
@@ -40,8 +40,8 @@ fn table(report: &Report) -> String {
         100.0 * report.density,
         100.0 * report.quality_estimate
     );
-    if !report.degradation.is_empty() {
-        table += &format!("\nfewer rungs than asked for: {}", report.degradation);
+    if report.degradation != Degradation::default() {
+        table += &format!("\nless than asked for: {}", report.degradation);
     }
     if !report.deadline_met {
         table += &format!(
@@ -67,7 +67,10 @@ mod tests {
             iterations_run: 2,
             iterations_asked: 4,
             rung: "mesh-8",
-            degradation: "no time",
+            degradation: Degradation {
+                rungs: Some(crate::job::RungsCut::Budget),
+                ..Degradation::default()
+            },
             deadline_met: true,
             ..Report::default()
         };
@@ -77,6 +80,6 @@ mod tests {
             "{table}"
         );
         assert!(table.contains("2 of 4, the last is mesh-8") && table.contains("no time"));
-        assert!(!table.contains("late"));
+        assert!(!table.contains("\nlate"));
     }
 }

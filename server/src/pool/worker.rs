@@ -1,254 +1,263 @@
-//! One worker's way through a frame: decode, the ladder's rungs while the budget allows, mesh, encode.
+//! One worker's way through a frame: decode, the ladder's rungs while the scheduler allows, mesh, encode.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use bytes::Bytes;
-use stereo::{DisparityMap, Level, Matcher, Mesh, Progress, Quality, Serial, Shape, StereoPair, rung_names};
+use stereo::{Level, Preset, rung_names};
+use stereo_scheduler::{Dispatch as Taken, Plan, StopReason, Ticket};
 
 use super::Shared;
-use super::costs::{FrameClass, Stage, decode_stage, encode_stage};
-use super::plan::Plan;
-use crate::decode::{self, GrayScratch, Side};
-use crate::dispatch::Job;
+use super::climb::{Guide, Height, Stopped, Top, climb};
+use super::rig::Rig;
+use crate::dispatch::{Job, Seat, work};
 use crate::encode;
-use crate::job::{FrameReply, MatchedFrame, Report};
+use crate::job::{Degradation, FrameReply, MatchedFrame, PriorityClass, Report, RungsCut};
 use crate::status::ServiceError;
 
-/// Degradation as reports write it.
-const BUDGET_ENDED: &str = "the latency budget left no time for another rung";
-
-/// Why a frame has no reply.
-#[derive(Debug)]
-pub(crate) enum Stopped {
-    /// Nobody waits for it any more.
-    Abandoned,
-    /// The client gets the reason.
-    Failed(ServiceError),
+/// The matchers, the buffers, and what they are used with.
+pub(crate) struct Worker {
+    index: usize,
+    level: Level,
+    shared: Arc<Shared>,
+    rig: Rig,
+    /// A background frame that makes room for one with a deadline, and its rig.
+    aside: Option<(Run, Rig)>,
+    /// A rig for frames with a deadline meanwhile, kept for the next time.
+    spare: Rig,
 }
 
-impl From<ServiceError> for Stopped {
-    fn from(error: ServiceError) -> Self {
-        Self::Failed(error)
+/// A frame that a worker has taken.
+pub(crate) struct Run {
+    ticket: Ticket,
+    pub(crate) job: Arc<Job>,
+    plan: Plan,
+    waiting: usize,
+    taken_at: Instant,
+    /// When its images were gray; `None` before that.
+    decoded_at: Option<Instant>,
+    height: Height,
+    /// Since when it lies aside, and for how long it did before.
+    aside_since: Option<Instant>,
+    aside_for: Duration,
+}
+
+/// What a worker did with a frame.
+pub(crate) enum Ended {
+    /// Everything.
+    Reply(Box<FrameReply>),
+    /// A part; the rest has to wait.
+    Aside,
+}
+
+impl Run {
+    pub(crate) fn new(taken: Taken<Arc<Job>>) -> Self {
+        Self {
+            ticket: taken.ticket,
+            job: taken.job,
+            plan: taken.plan,
+            waiting: taken.waiting,
+            taken_at: Instant::now(),
+            decoded_at: None,
+            height: Height::default(),
+            aside_since: None,
+            aside_for: Duration::ZERO,
+        }
+    }
+
+    /// How long it has been worked on.
+    fn active(&self) -> Duration {
+        self.taken_at.elapsed().saturating_sub(self.aside_for)
     }
 }
 
-/// The matcher, the buffers, and what they are used with.
-pub(crate) struct Worker {
-    index: u32,
-    level: Level,
-    shared: Arc<Shared>,
-    matcher: Option<Matcher>,
-    left: GrayScratch,
-    right: GrayScratch,
-    map: Option<DisparityMap>,
-    mesh: Mesh,
-}
-
-/// How the rungs of a frame went.
-struct Climb {
-    quality: Quality,
-    degradation: &'static str,
-}
-
 impl Worker {
-    pub(crate) fn new(index: u32, level: Level, shared: Arc<Shared>) -> Self {
+    pub(crate) fn new(index: usize, level: Level, shared: Arc<Shared>) -> Self {
         Self {
             index,
             level,
             shared,
-            matcher: None,
-            left: GrayScratch::default(),
-            right: GrayScratch::default(),
-            map: None,
-            mesh: Mesh::default(),
+            rig: Rig::default(),
+            aside: None,
+            spare: Rig::default(),
         }
     }
 
-    pub(crate) fn index(&self) -> u32 {
+    pub(crate) fn index(&self) -> usize {
         self.index
     }
 
-    pub(crate) fn shared(&self) -> Arc<Shared> {
-        Arc::clone(&self.shared)
+    pub(crate) fn shared(&self) -> &Shared {
+        &self.shared
+    }
+
+    pub(super) fn level(&self) -> Level {
+        self.level
+    }
+
+    pub(super) fn rig_mut(&mut self) -> &mut Rig {
+        &mut self.rig
     }
 
     /// Forgets everything a panic may have left in disorder.
     pub(crate) fn rebuild(&mut self) {
-        *self = Self::new(self.index, self.level, Arc::clone(&self.shared));
+        self.rig = Rig::default();
     }
 
-    /// Carries one job from its image data to its encoded bodies; `queue_depth` others wait behind it.
-    pub(crate) fn process(&mut self, job: &Job, queue_depth: usize) -> Result<FrameReply, Stopped> {
-        let taken_at = Instant::now();
-        let request = &job.request;
-        let options = &request.options;
-        let Self {
-            index,
-            level,
-            shared,
-            matcher,
-            left,
-            right,
-            map,
-            mesh,
-        } = self;
-        let costs = &shared.costs;
+    /// Lays a frame aside with its rig.
+    pub(crate) fn put_aside(&mut self, mut run: Run) {
+        run.aside_since = Some(Instant::now());
+        let rig = std::mem::replace(&mut self.rig, std::mem::take(&mut self.spare));
+        self.aside = Some((run, rig));
+    }
 
-        let left_gray = decode::gray(Side::Left, &request.left, left)?;
-        let pair = StereoPair::new(left_gray, decode::gray(Side::Right, &request.right, right)?)
-            .map_err(unmatchable)?;
-        let shape = Shape::new(left_gray.width_px(), left_gray.height_px()).map_err(unmatchable)?;
-        let matcher = fitted(matcher, *level, shape, &options.params)?;
-        let map = map.get_or_insert_with(|| DisparityMap::new(shape));
-        let decoded_at = Instant::now();
-        let class = FrameClass::new(shape, &options.params);
-        costs.record(
-            class,
-            decode_stage(&request.left, &request.right),
-            decoded_at - taken_at,
-        );
-
-        let plan = Plan::new(job, class, shared);
-        let climb = climb(matcher, pair, map, &plan, job)?;
-        let matched_at = Instant::now();
-
-        let wants_mesh = plan.wants_mesh;
-        if wants_mesh {
-            matcher.mesh(&options.mesh, mesh);
+    /// Takes the frame up again that lies aside.
+    pub(crate) fn pick_up(&mut self, ticket: Ticket) -> Option<Run> {
+        let (mut run, rig) = self.aside.take().filter(|(run, _)| run.ticket == ticket)?;
+        self.spare = std::mem::replace(&mut self.rig, rig);
+        if let Some(since) = run.aside_since.take() {
+            run.aside_for += since.elapsed();
         }
-        let meshed_at = Instant::now();
-        if wants_mesh {
-            costs.record(class, Stage::Mesh, meshed_at - matched_at);
-        }
+        Some(run)
+    }
 
-        let finish = || {
-            let now = Instant::now();
-            Report {
-                budget: options.latency_budget,
-                received: job.enqueued_at.saturating_duration_since(request.received_at),
-                queued: taken_at - job.enqueued_at,
-                decoded: decoded_at - taken_at,
-                matched: matched_at - decoded_at,
-                meshed: if wants_mesh {
-                    meshed_at - matched_at
-                } else {
-                    Duration::ZERO
-                },
-                encoded: now - meshed_at,
-                total: now.saturating_duration_since(request.received_at),
-                iterations_run: climb.quality.rung.into(),
-                iterations_asked: plan.rungs_asked.into(),
-                rung: rung_name(options.params.preset, climb.quality.rung),
-                predicted_cost: plan.predicted_cost,
-                actual_cost: now - taken_at,
-                deadline_met: now <= request.deadline(),
-                quality_estimate: climb.quality.estimate,
-                density: climb.quality.density,
-                degradation: climb.degradation,
-                worker: *index,
-                instance: shared.instance.clone(),
-                queue_depth: u32::try_from(queue_depth).unwrap_or(u32::MAX),
-                software_version: env!("CARGO_PKG_VERSION"),
+    /// Carries a frame from its image data, or from where it was laid aside, to its encoded bodies.
+    pub(crate) fn process(&mut self, run: &mut Run, seat: &Seat) -> Result<Ended, Stopped> {
+        let request = &run.job.request;
+        let mut guide = Guide::Seat(seat);
+        let decoded_at = match run.decoded_at {
+            Some(decoded_at) => decoded_at,
+            None => {
+                self.rig.load(self.level, request, run.plan.is_half)?;
+                guide.decoded()?;
+                *run.decoded_at.insert(Instant::now())
             }
         };
+        let active = run.active();
+        let has_mesh = run.plan.has_mesh;
+        let top = climb(
+            &mut self.rig,
+            &run.job,
+            &mut run.height,
+            &mut guide,
+            has_mesh,
+            active,
+        )?;
+        let Top::Finish { has_mesh, because } = top else {
+            return Ok(Ended::Aside);
+        };
+        let matched_at = Instant::now();
+        let meshed_at = self.rig.finish(request, has_mesh);
+        if meshed_at.is_some() {
+            guide.meshed()?;
+        }
+        let times = Times {
+            decoded_at,
+            matched_at,
+            meshed_at,
+        };
+        let finish = || self.report(run, because, &times);
+        let (left_gray, map) = self.rig.result(request)?;
         let frame = MatchedFrame {
             request,
             left_gray,
             map,
-            mesh: wants_mesh.then_some(&*mesh),
+            mesh: meshed_at.map(|_| &self.rig.mesh),
         };
         let mut bodies: Vec<Bytes> = Vec::with_capacity(request.formats.len());
         for &format in &request.formats {
-            if job.is_abandoned() {
-                return Err(Stopped::Abandoned);
-            }
-            let started = Instant::now();
             bodies.push(encode::body(format, &frame, &finish)?);
-            costs.record(class, encode_stage(format, options), started.elapsed());
+            guide.encoded()?;
         }
-        Ok(FrameReply {
+        Ok(Ended::Reply(Box::new(FrameReply {
             bodies,
             report: finish(),
-        })
+            costs: None,
+        })))
     }
-}
 
-/// Base, then one rung after another: until the ladder or the request ends, or the next rung would not be done in time.
-fn climb(
-    matcher: &mut Matcher,
-    pair: StereoPair<'_>,
-    map: &mut DisparityMap,
-    plan: &Plan<'_>,
-    job: &Job,
-) -> Result<Climb, Stopped> {
-    let mut rung_started = Instant::now();
-    let mut progress = matcher.base(pair, map, &Serial).map_err(unmatchable)?;
-    let mut published: Option<Quality> = None;
-    loop {
-        if let Progress::Improved(quality) | Progress::Converged(quality) = progress {
-            let finished = published.map_or(0, |before| before.rung);
-            published = Some(quality);
-            if quality.rung > finished {
-                plan.record_rung(quality.rung - 1, rung_started.elapsed());
-                job.report_rung(quality);
-            }
-            if matches!(progress, Progress::Converged(_)) || quality.rung >= plan.rungs_asked {
-                return Ok(Climb {
-                    quality,
-                    degradation: "",
-                });
-            }
-            if !plan.may_start(quality.rung) {
-                return Ok(Climb {
-                    quality,
-                    degradation: BUDGET_ENDED,
-                });
-            }
-            rung_started = Instant::now();
-        } else if let Some(quality) = published
-            && plan.is_spent()
-        {
-            return Ok(Climb {
-                quality,
-                degradation: BUDGET_ENDED,
-            });
-        }
-        if job.is_abandoned() {
-            return Err(Stopped::Abandoned);
-        }
-        progress = matcher.refine(pair, map, &Serial);
-    }
-}
-
-/// The worker's matcher, made for `shape` and `params`; nothing is allocated if it is already.
-fn fitted<'a>(
-    slot: &'a mut Option<Matcher>,
-    level: Level,
-    shape: Shape,
-    params: &stereo::Params,
-) -> Result<&'a mut Matcher, ServiceError> {
-    match slot.take() {
-        Some(mut matcher) => {
-            if matcher.shape() != shape || matcher.params() != params {
-                let changed = matcher.reconfigure(shape, params.clone());
-                if let Err(error) = changed {
-                    *slot = Some(matcher);
-                    return Err(unmatchable(error));
+    fn report(&self, run: &Run, because: StopReason, times: &Times) -> Report {
+        let now = Instant::now();
+        let request = &run.job.request;
+        let options = &request.options;
+        let Height {
+            quality,
+            steps,
+            matched,
+        } = run.height;
+        let (rung, estimate, density) = quality.map_or((0, 0.0, 0.0), |q| (q.rung, q.estimate, q.density));
+        let asked = work(request, false);
+        let encoding_from = times.meshed_at.unwrap_or(times.matched_at);
+        let actual_cost = (now - run.taken_at).saturating_sub(run.aside_for);
+        Report {
+            budget: options.latency_budget,
+            received: run.job.enqueued_at.saturating_duration_since(request.received_at),
+            queued: run.taken_at - run.job.enqueued_at,
+            decoded: times.decoded_at - run.taken_at,
+            matched,
+            meshed: times
+                .meshed_at
+                .map_or(Duration::ZERO, |meshed_at| meshed_at - times.matched_at),
+            encoded: now - encoding_from,
+            total: now.saturating_duration_since(request.received_at),
+            iterations_run: rung.into(),
+            iterations_asked: asked.rungs.into(),
+            rung: rung_name(options.params.preset, rung),
+            predicted_cost: run.plan.predicted,
+            actual_cost,
+            deadline_met: match options.priority {
+                PriorityClass::Background => actual_cost <= options.latency_budget,
+                PriorityClass::Deadline | PriorityClass::BestEffort => {
+                    request.deadline().is_none_or(|deadline| now <= deadline)
                 }
-            }
-            Ok(slot.insert(matcher))
+            },
+            quality_estimate: estimate,
+            density,
+            steps,
+            degradation: Degradation {
+                rungs: cut(because, rung, asked.rungs, &run.plan),
+                is_half: run.plan.is_half,
+                has_no_mesh: asked.mesh.is_some() && times.meshed_at.is_none(),
+            },
+            worker: u32::try_from(self.index).unwrap_or(u32::MAX),
+            instance: self.shared.instance.clone(),
+            queue_depth: u32::try_from(run.waiting).unwrap_or(u32::MAX),
+            software_version: env!("CARGO_PKG_VERSION"),
         }
-        None => Ok(slot.insert(Matcher::new(level, shape, params.clone()).map_err(unmatchable)?)),
     }
 }
 
-fn rung_name(preset: stereo::Preset, rung: u8) -> &'static str {
+/// When the stages of a frame ended.
+struct Times {
+    decoded_at: Instant,
+    matched_at: Instant,
+    /// `None` = no mesh was made.
+    meshed_at: Option<Instant>,
+}
+
+/// Why fewer rungs were run than asked for, if so.
+fn cut(because: StopReason, rung: u8, asked: u8, plan: &Plan) -> Option<RungsCut> {
+    match because {
+        _ if rung >= asked => None,
+        StopReason::Budget => Some(RungsCut::Budget),
+        StopReason::Load => Some(RungsCut::Load),
+        StopReason::Superseded => Some(RungsCut::Superseded),
+        // Either the plan was shorter than asked, or nothing was left worth doing.
+        StopReason::Complete if rung >= plan.rungs && plan.rungs < asked => Some(RungsCut::Load),
+        StopReason::Complete => None,
+    }
+}
+
+fn rung_name(preset: Preset, rung: u8) -> &'static str {
     let index = usize::from(rung).saturating_sub(1);
     rung_names(preset).get(index).copied().unwrap_or_default()
 }
 
-/// Sizes and parameters that the core refuses, in its own words.
-fn unmatchable(error: impl ToString) -> ServiceError {
-    ServiceError::Unmatchable(error.to_string())
+impl From<Stopped> for ServiceError {
+    fn from(stopped: Stopped) -> Self {
+        match stopped {
+            Stopped::Failed(error) => error,
+            Stopped::Abandoned | Stopped::Replaced => Self::Internal("the frame was given up".to_owned()),
+        }
+    }
 }

@@ -3,11 +3,15 @@
 //! | route | what |
 //! | --- | --- |
 //! | `POST /v1/stereo` | a pair in, a result out ([`frames`]) |
+//! | `POST /v1/stereo/batch` | pairs in, results out as they finish ([`batch`]) |
+//! | `GET /metrics` | everything that is counted ([`about`]) |
 //! | `GET /v1/info`, `/v1/schema.binpb`, `/livez`, `/readyz` | about the server ([`about`]) |
 
 mod about;
+mod batch;
 mod body;
 mod connections;
+mod early;
 mod envelope;
 mod form;
 mod frames;
@@ -23,7 +27,10 @@ use axum::response::Response;
 use axum::routing::{MethodRouter, get, post};
 
 pub use self::connections::{Listener, Listening};
+use tokio::sync::Semaphore;
+
 use crate::config::Config;
+use crate::dispatch::BACKGROUND_CAPACITY;
 use crate::info::Info;
 use crate::service::Service;
 use crate::status::ServiceError;
@@ -34,6 +41,9 @@ struct Http {
     bodies: body::BodyLimits,
     max_image_px: u64,
     info: Info,
+    hints: early::Hints,
+    /// Requests of all batches that may wait for a worker at one time.
+    batch_places: Arc<Semaphore>,
 }
 
 /// All routes in front of `service`. `simd` is the name of the instruction-set level in use.
@@ -43,10 +53,14 @@ pub fn router(config: &Config, simd: &'static str, service: Arc<Service>) -> Rou
         bodies: body::BodyLimits::new(config),
         max_image_px: config.limits.image_pixels,
         info: Info::new(config, simd),
+        hints: early::Hints::default(),
+        batch_places: Arc::new(Semaphore::new(BACKGROUND_CAPACITY / 2)),
     };
     let names = Arc::new(envelope::RequestNames::new(&config.instance));
     Router::new()
         .route("/v1/stereo", only("POST", post(frames::post)))
+        .route("/v1/stereo/batch", only("POST", post(batch::post)))
+        .route("/metrics", only("GET, HEAD", get(about::metrics)))
         .route("/v1/info", only("GET, HEAD", get(about::info)))
         .route("/v1/schema.binpb", only("GET, HEAD", get(about::schema)))
         .route("/livez", only("GET, HEAD", get(about::live)))

@@ -79,6 +79,7 @@ struct FormOptions {
     allow_downscale: Option<bool>,
     mesh: Option<Object<FormMesh>>,
     colors: Option<bool>,
+    mesh_is_optional: Option<bool>,
     calibration: Option<Object<FormCalibration>>,
     request_id: Option<String>,
     camera_id: Option<String>,
@@ -183,6 +184,7 @@ impl FormOptions {
                 min_valid_share: mesh.min_valid_share.map(narrow),
             }),
             colors: self.colors,
+            mesh_is_optional: self.mesh_is_optional,
         };
         Ok(v1::StereoRequest {
             request_id: self.request_id.unwrap_or_default(),

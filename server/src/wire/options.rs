@@ -9,7 +9,9 @@ use super::budget;
 use super::range::{
     MAX_DISPARITY_STEP_PX, MAX_ITERATIONS, MIN_CONFIDENCE, MIN_DISPARITY, MIN_VALID_SHARE, NUM_DISPARITIES,
 };
-use crate::job::{Calibration, DisparityEncoding, FrameOptions, Outputs, ReplyFormat};
+use crate::job::{
+    Calibration, Compression, DisparityEncoding, FrameOptions, Outputs, PriorityClass, ReplyFormat,
+};
 use crate::status::ServiceError;
 
 /// End of the disparities that 16 bits in 1/256 px can say, in px.
@@ -25,6 +27,8 @@ pub(super) struct Circumstances<'a> {
     pub(super) formats: &'a [ReplyFormat],
     /// The smallest budget given outside the message.
     pub(super) latency_budget: Option<Duration>,
+    /// The class of a request that names none; background = it can't have another.
+    pub(super) priority: PriorityClass,
 }
 
 /// The options with all defaults filled in.
@@ -32,8 +36,8 @@ pub(super) fn validate(
     options: &v1::Options,
     circumstances: &Circumstances<'_>,
 ) -> Result<FrameOptions, ServiceError> {
-    refuse_what_is_not_built(options)?;
     let defaults = FrameOptions::default();
+    let priority = priority(options, circumstances)?;
     let given = options.latency_budget.map(budget::from_proto).transpose()?;
     let latency_budget = given.into_iter().chain(circumstances.latency_budget).min();
     let outputs = outputs(options)?;
@@ -61,39 +65,59 @@ pub(super) fn validate(
              search fewer, or ask for a protobuf result with disparity_encoding f32"
         )));
     }
+    let default_budget = match priority {
+        PriorityClass::Background => FrameOptions::UNBOUNDED,
+        PriorityClass::Deadline | PriorityClass::BestEffort => defaults.latency_budget,
+    };
     Ok(FrameOptions {
-        latency_budget: latency_budget.unwrap_or(defaults.latency_budget),
+        latency_budget: latency_budget.unwrap_or(default_budget),
+        priority,
         max_iterations: options.max_iterations.map(max_iterations).transpose()?,
         params,
         mesh: mesh(options.mesh.unwrap_or_default(), defaults.mesh)?,
         outputs,
         disparity_encoding,
+        compression: compression(options)?,
+        allow_downscale: options.allow_downscale.unwrap_or(defaults.allow_downscale),
     })
 }
 
-/// Options that mean something but not in this version.
-fn refuse_what_is_not_built(options: &v1::Options) -> Result<(), ServiceError> {
-    let not_built = |what: &str, instead: &str| {
-        Err(invalid(format!(
-            "{what} isn't built yet in this version: {instead}"
-        )))
-    };
+fn compression(options: &v1::Options) -> Result<Compression, ServiceError> {
     match v1::Compression::try_from(options.compression) {
-        Ok(v1::Compression::Unspecified | v1::Compression::None) => {}
-        Ok(v1::Compression::Zstd) => return not_built("compression zstd", "use none"),
-        Ok(v1::Compression::Lz4) => return not_built("compression lz4", "use none"),
-        Err(_) => return Err(unknown("compression", options.compression, "none")),
+        Ok(v1::Compression::Unspecified | v1::Compression::None) => Ok(Compression::None),
+        Ok(v1::Compression::Zstd) => Ok(Compression::Zstd),
+        Ok(v1::Compression::Lz4) => Ok(Compression::Lz4),
+        Err(_) => Err(unknown("compression", options.compression, "none, zstd or lz4")),
     }
-    match v1::PriorityClass::try_from(options.priority_class) {
-        Ok(v1::PriorityClass::Unspecified | v1::PriorityClass::Deadline) => {}
-        Ok(v1::PriorityClass::BestEffort) => return not_built("priority_class best_effort", "use deadline"),
-        Ok(v1::PriorityClass::Background) => return not_built("priority_class background", "use deadline"),
-        Err(_) => return Err(unknown("priority_class", options.priority_class, "deadline")),
+}
+
+fn priority(options: &v1::Options, circumstances: &Circumstances<'_>) -> Result<PriorityClass, ServiceError> {
+    let given = match v1::PriorityClass::try_from(options.priority_class) {
+        Ok(v1::PriorityClass::Unspecified) => None,
+        Ok(v1::PriorityClass::Deadline) => Some(PriorityClass::Deadline),
+        Ok(v1::PriorityClass::BestEffort) => Some(PriorityClass::BestEffort),
+        Ok(v1::PriorityClass::Background) => Some(PriorityClass::Background),
+        Err(_) => {
+            let expected = "deadline, best_effort or background";
+            return Err(unknown("priority_class", options.priority_class, expected));
+        }
+    };
+    let class = given.unwrap_or(circumstances.priority);
+    if circumstances.priority == PriorityClass::Background && class != PriorityClass::Background {
+        return Err(invalid(format!(
+            "priority_class {} can't be had in a batch, whose requests are all of class background: leave it out, or send \
+             the request to /v1/stereo",
+            class.name()
+        )));
     }
-    if options.allow_downscale == Some(true) {
-        return not_built("allow_downscale", "leave it out or set it to false");
+    if class == PriorityClass::Background && circumstances.latency_budget.is_some() {
+        return Err(invalid(
+            "a header gives a deadline, but a request of class background has none: leave the header out, or give \
+             latency_budget in the options, which counts from the moment a worker takes the request"
+                .to_owned(),
+        ));
     }
-    Ok(())
+    Ok(class)
 }
 
 fn params(options: &v1::Options, defaults: &Params, shape: Shape) -> Result<Params, ServiceError> {
@@ -101,12 +125,8 @@ fn params(options: &v1::Options, defaults: &Params, shape: Shape) -> Result<Para
         Ok(v1::Preset::Unspecified) => defaults.preset,
         Ok(v1::Preset::Default) => Preset::Default,
         Ok(v1::Preset::Paper) => Preset::Paper,
-        Ok(v1::Preset::Fast) => {
-            return Err(invalid(
-                "preset fast isn't built yet in this version: use default or paper".into(),
-            ));
-        }
-        Err(_) => return Err(unknown("preset", options.preset, "default or paper")),
+        Ok(v1::Preset::Fast) => Preset::Fast,
+        Err(_) => return Err(unknown("preset", options.preset, "default, fast or paper")),
     };
     let density = match v1::Density::try_from(options.density) {
         Ok(v1::Density::Unspecified) => defaults.density,
@@ -187,9 +207,11 @@ fn mesh(options: v1::MeshOptions, defaults: MeshParams) -> Result<MeshParams, Se
 
 fn outputs(options: &v1::Options) -> Result<Outputs, ServiceError> {
     let colors = options.colors.unwrap_or(false);
+    let mesh_is_optional = options.mesh_is_optional.unwrap_or(false);
     if options.outputs.is_empty() {
         return Ok(Outputs {
             colors,
+            mesh_is_optional,
             ..Outputs::default()
         });
     }
@@ -198,6 +220,7 @@ fn outputs(options: &v1::Options) -> Result<Outputs, ServiceError> {
         confidence: false,
         depth: false,
         mesh: false,
+        mesh_is_optional,
         points: false,
         colors,
     };

@@ -4,14 +4,16 @@ use std::time::Duration;
 
 use stereo_proto::v1;
 
-use crate::job::Report;
+use crate::job::{FrameOptions, Report};
 
 /// Field by field.
 pub(super) fn to_proto(report: &Report) -> v1::ExecutionReport {
     // Durations of a request are far below the wire's largest.
     let wire = |duration: Duration| duration.try_into().ok();
     v1::ExecutionReport {
-        budget: wire(report.budget),
+        budget: (report.budget < FrameOptions::UNBOUNDED)
+            .then(|| wire(report.budget))
+            .flatten(),
         received: wire(report.received),
         queued: wire(report.queued),
         decoded: wire(report.decoded),
@@ -27,7 +29,7 @@ pub(super) fn to_proto(report: &Report) -> v1::ExecutionReport {
         deadline_met: report.deadline_met,
         quality_estimate: report.quality_estimate,
         density: report.density,
-        degradation: report.degradation.to_owned(),
+        degradation: report.degradation.to_string(),
         worker: report.worker,
         instance: report.instance.clone(),
         queue_depth: report.queue_depth,

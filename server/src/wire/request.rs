@@ -8,7 +8,7 @@ use prost_types::Timestamp;
 use stereo_proto::v1::StereoRequest;
 
 use super::{images, options};
-use crate::job::{FrameIds, FrameRequest, ReplyFormat};
+use crate::job::{FrameIds, FrameRequest, PriorityClass, ReplyFormat};
 use crate::status::ServiceError;
 
 /// Longest request id in characters.
@@ -29,6 +29,10 @@ pub struct Intake {
     pub formats: Vec<ReplyFormat>,
     /// Pixels one image may have.
     pub max_image_px: u64,
+    /// Whose share the request counts against if it names no camera: the address it came from.
+    pub peer: String,
+    /// The class of a request that names none; background = it can't have another.
+    pub priority: PriorityClass,
 }
 
 /// The message of a body of type `application/x-protobuf`; its pixels stay slices of the body.
@@ -68,8 +72,13 @@ pub fn frame_request(message: StereoRequest, intake: Intake) -> Result<FrameRequ
         is_calibrated: calibration.is_some(),
         formats: &intake.formats,
         latency_budget: intake.latency_budget,
+        priority: intake.priority,
     };
     let options = options::validate(&message.options.unwrap_or_default(), &circumstances)?;
+    let client = match ids.camera_id.as_str() {
+        "" => intake.peer,
+        camera => format!("camera {camera}"),
+    };
     Ok(FrameRequest {
         ids,
         left,
@@ -78,6 +87,7 @@ pub fn frame_request(message: StereoRequest, intake: Intake) -> Result<FrameRequ
         options,
         formats: intake.formats,
         received_at: intake.received_at,
+        client,
     })
 }
 

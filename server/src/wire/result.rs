@@ -7,11 +7,12 @@ use prost::Message;
 use stereo::{FIXED_PER_PX, Roi};
 use stereo_proto::v1;
 
+use super::compress::compress;
 use super::report;
 use crate::decode::{self, ColorImage, Side};
 use crate::encode::disparity_png::{self, kitti_from_fixed};
 use crate::encode::surface::Surface;
-use crate::job::{Calibration, DisparityEncoding, MatchedFrame, Report};
+use crate::job::{Calibration, Compression, DisparityEncoding, MatchedFrame, Report};
 use crate::status::ServiceError;
 
 /// The parts of `frame` that were wanted, as the bytes of a `StereoResult`. `finish` is called for the report when
@@ -21,12 +22,14 @@ use crate::status::ServiceError;
 /// [`ServiceError::Internal`] if the mesh was wanted but not made or the PNG encoder fails; if colours were wanted, what
 /// [`decode::color`] refuses.
 pub fn result_body(frame: &MatchedFrame<'_>, finish: &dyn Fn() -> Report) -> Result<Vec<u8>, ServiceError> {
+    let mut parts = FrameParts::new(frame)?;
+    parts.compress(frame.request.options.compression)?;
     let FrameParts {
         disparity,
         depth,
         mesh,
         points,
-    } = FrameParts::new(frame)?;
+    } = parts;
     let ids = &frame.request.ids;
     let mut result = v1::StereoResult {
         request_id: ids.request_id.clone(),
@@ -73,14 +76,50 @@ impl FrameParts {
             depth: camera
                 .filter(|_| outputs.depth)
                 .map(|camera| depth(frame, &echo, camera)),
-            mesh: outputs
-                .mesh
+            mesh: (outputs.mesh && (frame.mesh.is_some() || !outputs.mesh_is_optional))
                 .then(|| mesh(frame, &echo, colors.as_ref()))
                 .transpose()?,
             points: camera
                 .filter(|_| outputs.points)
                 .map(|camera| points(frame, &echo, camera, colors.as_ref())),
         })
+    }
+}
+
+impl FrameParts {
+    /// Every payload by itself, so that each part can be sent alone.
+    fn compress(&mut self, compression: Compression) -> Result<(), ServiceError> {
+        let wire = match compression {
+            Compression::None => return Ok(()),
+            Compression::Zstd => v1::Compression::Zstd,
+            Compression::Lz4 => v1::Compression::Lz4,
+        };
+        let each = |payloads: &mut [&mut Bytes]| {
+            payloads
+                .iter_mut()
+                .try_for_each(|payload| compress(compression, payload))
+        };
+        if let Some(part) = &mut self.disparity {
+            part.set_compression(wire);
+            if part.encoding() != v1::DisparityEncoding::Png16 {
+                each(&mut [&mut part.data])?;
+            }
+            each(&mut [&mut part.confidence])?;
+        }
+        if let Some(part) = &mut self.depth {
+            part.set_compression(wire);
+            each(&mut [&mut part.data])?;
+        }
+        if let Some(part) = &mut self.mesh {
+            part.set_compression(wire);
+            each(&mut [&mut part.positions, &mut part.indices, &mut part.uvs])?;
+            each(&mut [&mut part.disparities, &mut part.colors])?;
+        }
+        if let Some(part) = &mut self.points {
+            part.set_compression(wire);
+            each(&mut [&mut part.positions, &mut part.colors])?;
+        }
+        Ok(())
     }
 }
 
@@ -161,6 +200,7 @@ fn disparity(frame: &MatchedFrame<'_>, echo: &Echo) -> Result<v1::Disparity, Ser
             true => Bytes::copy_from_slice(frame.map.confidence()),
             false => Bytes::new(),
         },
+        compression: v1::Compression::Unspecified.into(),
     })
 }
 
@@ -186,6 +226,7 @@ fn depth(frame: &MatchedFrame<'_>, echo: &Echo, camera: &Calibration) -> v1::Dep
         data: data.into_flattened().into(),
         calibration: echo.calibration,
         valid_window: Some(echo.valid_window),
+        compression: v1::Compression::Unspecified.into(),
     }
 }
 
@@ -223,6 +264,7 @@ fn mesh(
                 .flat_map(|&[u, v]| image.nearest(u, v))
                 .collect()
         }),
+        compression: v1::Compression::Unspecified.into(),
     })
 }
 
@@ -252,6 +294,7 @@ fn points(
         frame_id: echo.frame_id.clone(),
         positions: packed(positions.as_flattened()),
         colors: point_colors.into_flattened().into(),
+        compression: v1::Compression::Unspecified.into(),
     }
 }
 

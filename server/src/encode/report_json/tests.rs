@@ -23,7 +23,10 @@ fn the_report_has_the_wires_names_and_durations_in_milliseconds() {
     assert_eq!(report["budget_ms"], 100.0);
     assert_eq!(report["encoded_ms"], 1.5);
     assert_eq!(report["rung"], "full band");
-    assert_eq!(report["degradation"], "deadline");
+    assert_eq!(
+        report["degradation"],
+        "the latency budget left no time for another rung"
+    );
     assert_eq!(report["density"], 0.75);
     assert_eq!(report["quality_estimate"].to_string(), "0.9");
 }

@@ -14,6 +14,9 @@ use super::Http;
 use crate::service::Health;
 use crate::status::ServiceError;
 
+/// Media type of OpenMetrics text.
+const OPEN_METRICS: &str = "application/openmetrics-text; version=1.0.0; charset=utf-8";
+
 /// `GET /v1/info`.
 pub(super) async fn info(State(http): State<Arc<Http>>) -> Response {
     json(StatusCode::OK, &http.info)
@@ -39,6 +42,15 @@ pub(super) async fn ready(State(http): State<Arc<Http>>) -> Response {
     json(code, &readiness)
 }
 
+/// `GET /metrics`: OpenMetrics text.
+pub(super) async fn metrics(State(http): State<Arc<Http>>) -> Response {
+    let metrics = http.service.metrics();
+    let (bodies, batches) = http.bodies.in_flight();
+    metrics.bytes_in_flight.set(bodies);
+    metrics.batch_bytes_in_flight.set(batches);
+    typed(StatusCode::OK, OPEN_METRICS, http.service.metrics_text().into())
+}
+
 #[derive(Serialize)]
 struct Liveness {
     status: &'static str,
@@ -57,12 +69,14 @@ fn readiness(health: Health) -> (StatusCode, Readiness) {
         workers,
         workers_primed,
         workers_failed,
+        is_crippled,
         queue_depth,
         is_draining,
-        ..
     } = health;
     let why = if is_draining {
         Some("the server is stopping".to_owned())
+    } else if is_crippled {
+        Some("a worker got stuck and can't be replaced any more: restart the server".to_owned())
     } else if workers_failed > 0 {
         Some(format!(
             "{workers_failed} of {workers} workers could not match their dummy pair: please report it"
@@ -122,7 +136,7 @@ mod tests {
         workers_failed: 0,
         queue_depth: 3,
         is_draining: false,
-        panics: 0,
+        is_crippled: false,
     };
 
     #[test]

@@ -34,6 +34,9 @@ pub(super) struct BodyLimits {
     bytes_in_flight: u64,
     read_timeout: Duration,
     in_flight: Arc<Semaphore>,
+    /// Requests of batches, from their first byte until their reply is taken.
+    batches: Arc<Semaphore>,
+    batch_bytes: usize,
 }
 
 /// A whole body. Its bytes count as in flight until this is dropped.
@@ -45,15 +48,49 @@ pub(super) struct Received {
 impl BodyLimits {
     pub(super) fn new(config: &Config) -> Self {
         let bytes_in_flight = config.limits.bytes_in_flight;
-        let permits = usize::try_from(bytes_in_flight)
-            .unwrap_or(usize::MAX)
-            .min(Semaphore::MAX_PERMITS);
+        let permits = |bytes: u64| {
+            usize::try_from(bytes)
+                .unwrap_or(usize::MAX)
+                .min(Semaphore::MAX_PERMITS)
+        };
+        let batch_bytes = permits(config.limits.batch_bytes_in_flight);
         Self {
             body_bytes: config.limits.body_bytes,
             bytes_in_flight,
             read_timeout: config.http.body_timeout,
-            in_flight: Arc::new(Semaphore::new(permits)),
+            in_flight: Arc::new(Semaphore::new(permits(bytes_in_flight))),
+            batches: Arc::new(Semaphore::new(batch_bytes)),
+            batch_bytes,
         }
+    }
+
+    /// Bytes held now: bodies of requests and replies, and those of batches.
+    pub(super) fn in_flight(&self) -> (i64, i64) {
+        let held = |all: u64, semaphore: &Semaphore| {
+            let free = u64::try_from(semaphore.available_permits()).unwrap_or(u64::MAX);
+            i64::try_from(all.saturating_sub(free)).unwrap_or(i64::MAX)
+        };
+        (
+            held(self.bytes_in_flight, &self.in_flight),
+            held(self.batch_bytes as u64, &self.batches),
+        )
+    }
+
+    /// Largest body of one request.
+    pub(super) fn body_bytes(&self) -> u64 {
+        self.body_bytes
+    }
+
+    /// How long a body may take, and the taking of an answer.
+    pub(super) fn timeout(&self) -> Duration {
+        self.read_timeout
+    }
+
+    /// Room for a request of a batch of `len` bytes, as soon as there is some.
+    pub(super) async fn batch_share(&self, len: usize) -> Option<OwnedSemaphorePermit> {
+        let count = u32::try_from(len.min(self.batch_bytes)).unwrap_or(u32::MAX);
+        // The semaphore is never closed.
+        Arc::clone(&self.batches).acquire_many_owned(count).await.ok()
     }
 
     /// Reads a whole body. `budget` is what the headers said.
@@ -183,9 +220,14 @@ impl HttpBody for Reply {
 
 /// A refusal of a request whose body was not read.
 pub(super) fn refuse_unread(body: Body, error: ServiceError) -> Response {
+    leave_unread(body);
+    Refusal(error).into_response()
+}
+
+/// What happens to a body that nobody wants.
+pub(super) fn leave_unread(body: Body) {
     let claimed = body.size_hint().lower();
     linger(body, claimed, FIRST_RESERVATION as u64);
-    Refusal(error).into_response()
 }
 
 /// Lets the client finish sending a body that nobody wants, within reason, so that it gets to read the answer.

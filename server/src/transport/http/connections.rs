@@ -1,7 +1,11 @@
 //! The listener and its connections: how many, how long each may be silent, and how they end.
 
+mod patient;
+mod places;
+
+use std::error::Error;
 use std::io;
-use std::net::SocketAddr;
+use std::net::{IpAddr, SocketAddr};
 use std::pin::pin;
 use std::sync::Arc;
 use std::time::Duration;
@@ -12,19 +16,29 @@ use axum::extract::Request;
 use hyper_util::rt::{TokioExecutor, TokioIo, TokioTimer};
 use hyper_util::server::conn::auto::Builder;
 use tokio::net::{TcpListener, TcpStream};
-use tokio::sync::{Semaphore, watch};
+use tokio::sync::watch;
 use tokio::task::JoinHandle;
 use tokio::time::{sleep, timeout};
 use tower::ServiceExt;
 
+use self::patient::Patient;
+use self::places::{Place, Places};
 use crate::config::HttpConfig;
+use crate::metrics::{ConnectionEnd, Metrics};
+use crate::service::Service;
 
 /// How long connections may take to end once the server stops.
 const CLOSE: Duration = Duration::from_secs(2);
 /// How long to wait when the system has no descriptor left for a new connection.
 const ACCEPT_PAUSE: Duration = Duration::from_millis(100);
+/// A batch gives its client up after the time for a body, and says so; the connection waits a little longer than that.
+const PATIENCE_FACTOR: u32 = 2;
 /// Requests that one HTTP/2 connection may have under way.
 const MAX_STREAMS: u32 = 64;
+
+/// The address a request came from: an extension of each request.
+#[derive(Clone, Copy)]
+pub(super) struct Peer(pub(super) IpAddr);
 
 /// A bound socket that doesn't answer yet.
 #[derive(Debug)]
@@ -55,10 +69,11 @@ impl Listener {
 
     /// Starts to answer with `router`.
     #[must_use]
-    pub fn serve(self, config: &HttpConfig, router: Router) -> Listening {
+    pub fn serve(self, config: &HttpConfig, router: Router, service: &Service) -> Listening {
+        let metrics = Arc::clone(service.metrics());
         let stop = watch::Sender::new(false);
         let Self { socket, addr } = self;
-        let task = tokio::spawn(accept(socket, config.clone(), router, stop.subscribe()));
+        let task = tokio::spawn(accept(socket, config.clone(), router, metrics, stop.subscribe()));
         Listening { addr, stop, task }
     }
 }
@@ -72,23 +87,42 @@ impl Listening {
     }
 }
 
-async fn accept(socket: TcpListener, config: HttpConfig, router: Router, mut stop: watch::Receiver<bool>) {
-    let places = Arc::new(Semaphore::new(config.connections as usize));
+async fn accept(
+    socket: TcpListener,
+    config: HttpConfig,
+    router: Router,
+    metrics: Arc<Metrics>,
+    mut stop: watch::Receiver<bool>,
+) {
+    let places = Arc::new(Places::new(config.connections, Arc::clone(&metrics)));
     let stopping = stop.clone();
     let accepting = async {
-        // The semaphore is never closed.
-        while let Ok(place) = Arc::clone(&places).acquire_owned().await {
-            let stream = match socket.accept().await {
-                Ok((stream, _)) => stream,
+        loop {
+            let (stream, peer) = match socket.accept().await {
+                Ok(accepted) => accepted,
                 Err(error) => {
                     tracing::warn!(%error, "can't accept a connection");
                     sleep(ACCEPT_PAUSE).await;
                     continue;
                 }
             };
-            let serving = serve(stream, config.clone(), router.clone(), stopping.clone());
+            let Some(place) = places.take().await else {
+                metrics.connection_ended(ConnectionEnd::Refused);
+                places.refuse(stream);
+                continue;
+            };
+            let metrics = Arc::clone(&metrics);
+            let connection = Connection {
+                peer: peer.ip(),
+                config: config.clone(),
+                router: router.clone(),
+                stop: stopping.clone(),
+            };
             tokio::spawn(async move {
-                serving.await;
+                metrics.connections.inc();
+                let end = connection.serve(stream, &place).await;
+                metrics.connections.dec();
+                metrics.connection_ended(end);
                 drop(place);
             });
         }
@@ -99,44 +133,72 @@ async fn accept(socket: TcpListener, config: HttpConfig, router: Router, mut sto
     }
     drop(socket);
     // All places free again: every connection has ended, at the latest when its own time for it is up.
-    drop(places.acquire_many(config.connections).await);
+    places.all_free().await;
 }
 
-/// Serves one connection until the client closes it, it rests for too long, or the server stops.
-async fn serve(stream: TcpStream, config: HttpConfig, router: Router, mut stop: watch::Receiver<bool>) {
-    // Answers are written whole; waiting to fill a packet only costs latency. Not all kinds of sockets know this.
-    let _ = stream.set_nodelay(true);
-    let active = watch::Sender::new(0_usize);
-    let serving = active.clone();
-    let service = hyper::service::service_fn(move |request: hyper::Request<hyper::body::Incoming>| {
-        let busy = Busy::new(&serving);
-        let answer = router.clone().oneshot(request.map(Body::new) as Request);
-        async move {
-            let answer = answer.await;
-            drop(busy);
-            answer
-        }
-    });
-    let builder = builder(config.header_timeout);
-    let mut connection = pin!(builder.serve_connection(TokioIo::new(stream), service));
-    let mut stopping = pin!(async move {
-        let _ = stop.wait_for(|&stop| stop).await;
-    });
-    tokio::select! {
-        ended = connection.as_mut() => return log(ended),
-        () = rested(active.subscribe(), config.header_timeout) => {
-            connection.as_mut().graceful_shutdown();
-            // What is being sent may still be taken; a client that doesn't take it is cut off.
-            tokio::select! {
-                ended = timeout(config.body_timeout, connection.as_mut()) => return ended.map_or((), log),
-                () = stopping.as_mut() => {}
+/// What a connection is served with.
+struct Connection {
+    peer: IpAddr,
+    config: HttpConfig,
+    router: Router,
+    stop: watch::Receiver<bool>,
+}
+
+impl Connection {
+    /// Serves it until the client closes it, it rests for too long, its place is needed, or the server stops.
+    async fn serve(self, stream: TcpStream, place: &Place) -> ConnectionEnd {
+        let Self {
+            peer,
+            config,
+            router,
+            mut stop,
+        } = self;
+        // Answers are written whole; waiting to fill a packet only costs latency. Not all kinds of sockets know this.
+        let _ = stream.set_nodelay(true);
+        let active = watch::Sender::new(0_usize);
+        let serving = active.clone();
+        let service = hyper::service::service_fn(move |request: hyper::Request<hyper::body::Incoming>| {
+            place.speaks();
+            let busy = Arc::new(Busy::new(&serving));
+            let mut request: Request = request.map(Body::new);
+            request.extensions_mut().insert(Peer(peer));
+            request.extensions_mut().insert(Arc::clone(&busy));
+            let answer = router.clone().oneshot(request);
+            async move {
+                let answer = answer.await;
+                drop(busy);
+                answer
             }
+        });
+        let builder = builder(config.header_timeout);
+        let stream = Patient::new(stream, PATIENCE_FACTOR * config.body_timeout);
+        let mut connection = pin!(builder.serve_connection(TokioIo::new(stream), service));
+        let mut stopping = pin!(async move {
+            let _ = stop.wait_for(|&stop| stop).await;
+        });
+        tokio::select! {
+            ended = connection.as_mut() => return end(ended),
+            () = place.evicted() => return ConnectionEnd::Evicted,
+            () = rested(active.subscribe(), config.header_timeout) => {
+                connection.as_mut().graceful_shutdown();
+                // What is being sent may still be taken; a client that doesn't take it is cut off.
+                tokio::select! {
+                    ended = timeout(config.body_timeout, connection.as_mut()) => {
+                        return match ended {
+                            Ok(Ok(())) => ConnectionEnd::Silent,
+                            Ok(failed) => end(failed),
+                            Err(_) => ConnectionEnd::SlowReader,
+                        };
+                    }
+                    () = stopping.as_mut() => {}
+                }
+            }
+            () = stopping.as_mut() => {}
         }
-        () = stopping.as_mut() => {}
-    }
-    connection.as_mut().graceful_shutdown();
-    if let Ok(ended) = timeout(CLOSE, connection).await {
-        log(ended);
+        connection.as_mut().graceful_shutdown();
+        // Cut off or not: it is the server that ends it.
+        drop(timeout(CLOSE, connection).await);
+        ConnectionEnd::Stopping
     }
 }
 
@@ -160,14 +222,16 @@ async fn rested(mut active: watch::Receiver<usize>, limit: Duration) {
     loop {
         // The sender lives in the connection that this future is polled beside.
         drop(active.wait_for(|&n| n == 0).await);
-        if timeout(limit, active.wait_for(|&n| n > 0)).await.is_err() {
+        // Any change will do: a request may come and go between two looks.
+        if timeout(limit, active.changed()).await.is_err() {
             return;
         }
     }
 }
 
-/// One request of a connection under way, counted while this lives.
-struct Busy(watch::Sender<usize>);
+/// One request of a connection under way, counted while this lives. An extension of each request: whoever answers for longer than
+/// until the head of the reply keeps it.
+pub(super) struct Busy(watch::Sender<usize>);
 
 impl Busy {
     fn new(active: &watch::Sender<usize>) -> Self {
@@ -182,8 +246,23 @@ impl Drop for Busy {
     }
 }
 
-fn log(ended: Result<(), Box<dyn std::error::Error + Send + Sync>>) {
-    if let Err(error) = ended {
-        tracing::debug!(%error, "connection ended");
+/// How a connection ended that nobody here ended.
+fn end(ended: Result<(), Box<dyn Error + Send + Sync>>) -> ConnectionEnd {
+    let Err(error) = ended else {
+        return ConnectionEnd::Closed;
+    };
+    tracing::debug!(%error, "connection ended");
+    let mut cause: Option<&(dyn Error + 'static)> = Some(&*error);
+    while let Some(error) = cause {
+        match error.downcast_ref::<hyper::Error>() {
+            Some(error) if error.is_timeout() => return ConnectionEnd::Silent,
+            _ => {}
+        }
+        match error.downcast_ref::<io::Error>() {
+            Some(error) if error.kind() == io::ErrorKind::TimedOut => return ConnectionEnd::SlowReader,
+            _ => {}
+        }
+        cause = error.source();
     }
+    ConnectionEnd::Failed
 }

@@ -1,20 +1,25 @@
 //! `POST /v1/stereo`: one pair in, one reply out.
 
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
+use axum::body::{Body, HttpBody};
 use axum::extract::{Extension, Request, State};
 use axum::http::header::CONTENT_TYPE;
+use axum::http::request::Parts;
 use axum::http::{HeaderMap, HeaderName, HeaderValue, Uri};
 use axum::response::Response;
+use tokio::sync::OwnedSemaphorePermit;
 
 use super::body::Received;
+use super::connections::Peer;
 use super::envelope::{ReceivedAt, RequestId};
 use super::form::parts_from_multipart;
 use super::negotiate::{self, Reply};
 use super::refusal::Refusal;
 use super::{Http, body};
-use crate::job::Report;
+use crate::job::{FrameRequest, PriorityClass, Report};
+use crate::service::Service;
 use crate::status::ServiceError;
 use crate::wire::{
     Intake, decode_request, frame_request, latency_budget_from_grpc_timeout, latency_budget_from_ms,
@@ -43,14 +48,55 @@ pub(super) async fn post(
     State(http): State<Arc<Http>>,
     Extension(ReceivedAt(received_at)): Extension<ReceivedAt>,
     Extension(RequestId(request_id)): Extension<RequestId>,
+    peer: Option<Extension<Peer>>,
     request: Request,
 ) -> Result<Response, Refusal> {
+    let peer = peer.map_or_else(String::new, |Extension(Peer(address))| address.to_string());
     let (parts, body) = request.into_parts();
-    let head = match read_head(&http, &parts.uri, &parts.headers) {
+    let mut unfinished = CountIfCancelled(Some(&http.service));
+    let read = read(&http, &parts, body, received_at, (&request_id, peer)).await;
+    unfinished.0 = None;
+    let refuse = |error| Refusal(http.service.refuse(error, received_at, &request_id));
+    let (media_type, frame, share) = read.map_err(refuse)?;
+    let finished = http.service.submit(frame).await?;
+    // The pixels were slices of the request's body; from here on the reply's takes its place.
+    drop(share);
+    let body = finished.bodies.into_iter().next();
+    let body = body.ok_or_else(|| ServiceError::Internal("a reply without a body".to_owned()))?;
+    let mut response = Response::new(http.bodies.reply(body)?);
+    let headers = response.headers_mut();
+    headers.insert(CONTENT_TYPE, HeaderValue::from_static(media_type));
+    // Digits, letters and punctuation, so always a valid header value.
+    if let Ok(timing) = HeaderValue::from_str(&server_timing(&finished.report)) {
+        headers.insert(SERVER_TIMING, timing);
+    }
+    Ok(response)
+}
+
+/// From the head to a whole and checked frame, its reply's media type and its share of the bytes in flight. A body that isn't worth
+/// reading isn't read.
+async fn read(
+    http: &Http,
+    parts: &Parts,
+    body: Body,
+    received_at: Instant,
+    (request_id, peer): (&str, String),
+) -> Result<(&'static str, FrameRequest, Option<OwnedSemaphorePermit>), ServiceError> {
+    let claimed = body.size_hint().exact();
+    let sender = claimed.map(|bytes| (peer.clone(), bytes));
+    let acceptable = read_head(http, &parts.uri, &parts.headers).and_then(|head| {
+        if let (Some(budget), Some(sender)) = (head.budget, &sender) {
+            http.hints.assess(&http.service, sender, budget, received_at)?;
+        }
+        Ok(head)
+    });
+    let head = match acceptable {
         Ok(head) => head,
-        Err(error) => return Ok(body::refuse_unread(body, error)),
+        Err(error) => {
+            body::leave_unread(body);
+            return Err(error);
+        }
     };
-    let reply = head.reply;
     let Received { bytes, share } = http.bodies.read(body, received_at, head.budget).await?;
     let message = match &head.content {
         Content::Protobuf => decode_request(bytes)?,
@@ -59,27 +105,32 @@ pub(super) async fn post(
     let intake = Intake {
         received_at,
         latency_budget: head.budget,
-        request_id,
-        formats: vec![reply.format],
+        request_id: request_id.to_owned(),
+        formats: vec![head.reply.format],
         max_image_px: http.max_image_px,
+        peer,
+        priority: PriorityClass::default(),
     };
-    let finished = http.service.submit(frame_request(message, intake)?).await?;
-    // The pixels were slices of the request's body; from here on the reply's takes its place.
-    drop(share);
-    let body = finished.bodies.into_iter().next();
-    let body = body.ok_or_else(|| ServiceError::Internal("a reply without a body".to_owned()))?;
-    let mut response = Response::new(http.bodies.reply(body)?);
-    let headers = response.headers_mut();
-    headers.insert(CONTENT_TYPE, HeaderValue::from_static(reply.media_type));
-    // Digits, letters and punctuation, so always a valid header value.
-    if let Ok(timing) = HeaderValue::from_str(&server_timing(&finished.report)) {
-        headers.insert(SERVER_TIMING, timing);
+    let frame = frame_request(message, intake)?;
+    if let (Some(_), Some(sender)) = (head.budget, sender) {
+        http.hints.remember(sender, http.service.spec(&frame));
     }
-    Ok(response)
+    Ok((head.reply.media_type, frame, share))
+}
+
+/// Counts a request whose client goes away before it has become a frame.
+struct CountIfCancelled<'a>(Option<&'a Service>);
+
+impl Drop for CountIfCancelled<'_> {
+    fn drop(&mut self) {
+        if let Some(service) = self.0 {
+            service.count_cancelled();
+        }
+    }
 }
 
 fn read_head(http: &Http, uri: &Uri, headers: &HeaderMap) -> Result<Head, ServiceError> {
-    if http.service.health().is_draining {
+    if http.service.is_draining() {
         return Err(ServiceError::Draining);
     }
     let content = content(headers)?;

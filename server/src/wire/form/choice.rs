@@ -15,7 +15,7 @@ pub(super) struct Choice {
 pub(super) const PRESET: Choice = Choice {
     name: "preset",
     prefix: "PRESET_",
-    expected: "default or paper",
+    expected: "default, fast or paper",
 };
 pub(super) const DENSITY: Choice = Choice {
     name: "density",
@@ -25,7 +25,7 @@ pub(super) const DENSITY: Choice = Choice {
 pub(super) const PRIORITY_CLASS: Choice = Choice {
     name: "priority_class",
     prefix: "PRIORITY_CLASS_",
-    expected: "deadline",
+    expected: "deadline, best_effort or background",
 };
 pub(super) const OUTPUTS: Choice = Choice {
     name: "outputs",
@@ -40,7 +40,7 @@ pub(super) const DISPARITY_ENCODING: Choice = Choice {
 pub(super) const COMPRESSION: Choice = Choice {
     name: "compression",
     prefix: "COMPRESSION_",
-    expected: "none",
+    expected: "none, zstd or lz4",
 };
 
 /// The value called `given` in lower case and without the prefix; absent = unspecified.

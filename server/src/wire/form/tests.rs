@@ -72,6 +72,7 @@ fn every_option_has_a_name_in_json() {
                 min_valid_share: Some(0.25),
             }),
             colors: Some(true),
+            mesh_is_optional: None,
         }),
     };
     assert_eq!(options_from_json(json.as_bytes()), Ok(expected));
@@ -203,7 +204,10 @@ fn json_has_no_nan() {
 
 #[test]
 fn unknown_names_of_values_are_refused_naming_those_there_are() {
-    refused_naming(r#"{"preset": "best"}"#, &["preset", "default or paper", "best"]);
+    refused_naming(
+        r#"{"preset": "best"}"#,
+        &["preset", "default, fast or paper", "best"],
+    );
     refused_naming(r#"{"preset": "PAPER"}"#, &["preset"]);
     refused_naming(r#"{"preset": "unspecified"}"#, &["preset"]);
     refused_naming(r#"{"density": "sparse"}"#, &["density", "semi_dense or dense"]);

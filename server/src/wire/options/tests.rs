@@ -9,6 +9,7 @@ fn circumstances(formats: &[ReplyFormat]) -> Circumstances<'_> {
         is_calibrated: false,
         formats,
         latency_budget: None,
+        priority: crate::job::PriorityClass::default(),
     }
 }
 
@@ -58,6 +59,7 @@ fn every_option_reaches_the_domain() {
         disparity_encoding: v1::DisparityEncoding::F32.into(),
         compression: Compression::None.into(),
         allow_downscale: Some(false),
+        mesh_is_optional: None,
         mesh: Some(v1::MeshOptions {
             keep_rejected: Some(true),
             max_disparity_step_px: Some(0.5),
@@ -97,10 +99,12 @@ fn every_option_reaches_the_domain() {
             confidence: false,
             depth: true,
             mesh: true,
+            mesh_is_optional: false,
             points: false,
             colors: true,
         },
         disparity_encoding: DisparityEncoding::F32,
+        ..FrameOptions::default()
     };
     assert_eq!(validate(&options, &calibrated), Ok(expected));
 }
@@ -212,7 +216,7 @@ fn unknown_values_are_refused_naming_the_field_and_what_there_is() {
             preset: 99,
             ..default()
         },
-        &["preset", "99", "default or paper"],
+        &["preset", "99", "default, fast or paper"],
     );
     refused_naming(
         &Options {
@@ -259,38 +263,51 @@ fn unknown_values_are_refused_naming_the_field_and_what_there_is() {
 }
 
 #[test]
-fn what_is_not_built_is_refused_by_name() {
-    let default = Options::default;
-    refused_naming(
-        &Options {
-            preset: v1::Preset::Fast.into(),
-            ..default()
-        },
-        &["preset fast", "isn't built"],
+fn compression_priority_and_downscaling_are_honoured() {
+    let options = Options {
+        compression: Compression::Lz4.into(),
+        priority_class: PriorityClass::BestEffort.into(),
+        allow_downscale: Some(true),
+        mesh_is_optional: Some(true),
+        ..Options::default()
+    };
+    let valid = valid(&options);
+    assert_eq!(valid.compression, crate::job::Compression::Lz4);
+    assert_eq!(valid.priority, crate::job::PriorityClass::BestEffort);
+    assert!(valid.allow_downscale && valid.outputs.mesh_is_optional);
+}
+
+#[test]
+fn background_has_a_budget_of_its_own_and_no_deadline() {
+    let background = Options {
+        priority_class: PriorityClass::Background.into(),
+        ..Options::default()
+    };
+    assert_eq!(valid(&background).latency_budget, FrameOptions::UNBOUNDED);
+    let with_header = Circumstances {
+        latency_budget: Some(Duration::from_millis(80)),
+        ..circumstances(&[ReplyFormat::Protobuf])
+    };
+    let error = validate(&background, &with_header).unwrap_err().to_string();
+    assert!(error.contains("background"), "{error}");
+    let batch = Circumstances {
+        priority: crate::job::PriorityClass::Background,
+        ..circumstances(&[ReplyFormat::Protobuf])
+    };
+    let plain = Options::default();
+    assert_eq!(
+        validate(&plain, &batch).unwrap().priority,
+        crate::job::PriorityClass::Background
     );
-    for (compression, name) in [(Compression::Zstd, "zstd"), (Compression::Lz4, "lz4")] {
-        let options = Options {
-            compression: compression.into(),
-            ..default()
-        };
-        refused_naming(&options, &["compression", name, "isn't built"]);
-    }
-    for (class, name) in [
-        (PriorityClass::BestEffort, "best_effort"),
-        (PriorityClass::Background, "background"),
-    ] {
-        let options = Options {
-            priority_class: class.into(),
-            ..default()
-        };
-        refused_naming(&options, &["priority_class", name, "isn't built"]);
-    }
-    refused_naming(
-        &Options {
-            allow_downscale: Some(true),
-            ..default()
-        },
-        &["allow_downscale", "isn't built"],
+    let urgent = Options {
+        priority_class: PriorityClass::Deadline.into(),
+        ..plain
+    };
+    assert!(
+        validate(&urgent, &batch)
+            .unwrap_err()
+            .to_string()
+            .contains("priority_class")
     );
 }
 

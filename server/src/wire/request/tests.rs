@@ -29,6 +29,8 @@ fn intake() -> Intake {
         request_id: String::new(),
         formats: vec![ReplyFormat::Protobuf],
         max_image_px: 1 << 24,
+        peer: String::new(),
+        priority: PriorityClass::default(),
     }
 }
 
@@ -65,7 +67,7 @@ fn what_is_echoed_arrives_and_pixels_are_not_copied() {
         "the pixels were copied"
     );
     assert_eq!(
-        request.deadline() - request.received_at,
+        request.deadline().unwrap() - request.received_at,
         Duration::from_millis(100)
     );
 }

@@ -23,6 +23,7 @@ const ALL: Outputs = Outputs {
     confidence: true,
     depth: true,
     mesh: true,
+    mesh_is_optional: false,
     points: true,
     colors: true,
 };
@@ -64,6 +65,7 @@ impl Finished {
             },
             formats: vec![ReplyFormat::Protobuf],
             received_at: Instant::now(),
+            client: String::new(),
         };
         let mut map = DisparityMap::new(Shape::new(WIDTH, HEIGHT).unwrap());
         let (fixed, confidence) = map.parts_mut();
@@ -155,6 +157,7 @@ fn only_the_wanted_parts_are_there() {
         confidence: false,
         depth: false,
         mesh: false,
+        mesh_is_optional: false,
         points: false,
         colors: true,
     };

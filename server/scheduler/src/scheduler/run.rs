@@ -1,0 +1,326 @@
+//! What a worker does next, and whether another step may start.
+
+use std::hash::Hash;
+use std::time::Duration;
+
+use super::{Policy, Running, Scheduler, Stage, Ticket, Urgency, Variant, Waiting};
+use crate::answer::{Dispatch, DropReason, Dropped, Finished, Next, Plan, StopReason, Verdict};
+use crate::ladder::Level;
+use crate::running::Phase;
+
+impl<K: Copy + Eq + Hash, J> Scheduler<K, J> {
+    /// What `worker`, which is idle, does next: the job that is due first, or a background job if nobody else waits. Jobs that
+    /// can't be in time any more are passed over; [`expire`](Self::expire) hands them out.
+    pub fn next(&mut self, now: Duration, worker: usize) -> Option<Next<J>> {
+        self.see(now);
+        self.sweep(now);
+        if worker >= self.running.len() {
+            return None;
+        }
+        self.running[worker] = None;
+        while let Some(ticket) = self.timeline.first()
+            && let Some(waiting) = self.take(ticket, false)
+        {
+            if self.can_start(now, &waiting) {
+                return Some(Next::Start(self.start(now, worker, ticket, waiting)));
+            }
+            self.shares.refund(waiting.spec.client, waiting.charged_s);
+            self.limbo.push(Dropped {
+                ticket,
+                job: waiting.job,
+                reason: DropReason::Expired,
+            });
+        }
+        if let Some(mut parked) = self.parked[worker].take() {
+            let ticket = parked.ticket;
+            parked.stage_started = now;
+            parked.step_started = now;
+            self.running[worker] = Some(parked);
+            return Some(Next::Resume(ticket));
+        }
+        let (ticket, waiting) = self.next_background(now, worker)?;
+        Some(Next::Start(self.start(now, worker, ticket, waiting)))
+    }
+
+    /// `worker` has decoded its images.
+    pub fn decoded(&mut self, now: Duration, worker: usize) {
+        self.see(now);
+        let Some(running) = self.running.get_mut(worker).and_then(Option::as_mut) else {
+            return;
+        };
+        let took = running.end_stage(now, running.costs.decode, Phase::Base);
+        let Running { work, .. } = *running;
+        self.costs
+            .learn(now, work.decode, Stage::Decode, work.units, took);
+    }
+
+    /// `worker` has finished a rung, base being the first; `has_more` if the matcher could go on.
+    pub fn rung_done(&mut self, now: Duration, worker: usize, has_more: bool) -> Verdict {
+        self.see(now);
+        self.learn_step(now, worker);
+        let Some(running) = self.running.get_mut(worker).and_then(Option::as_mut) else {
+            return Verdict::Abandon;
+        };
+        let index = running.rungs_done;
+        let took = running.end_stage(now, running.costs.rung(index), Phase::Refine);
+        running.rungs_done = index.saturating_add(1);
+        let is_last = !has_more || running.rungs_done >= running.work.rungs;
+        let Running { work, .. } = *running;
+        self.costs
+            .learn(now, work.matching, Stage::Rung(index), work.units, took);
+        if is_last {
+            return self.finish(now, worker, StopReason::Complete);
+        }
+        self.go_on(now, worker, true)
+    }
+
+    /// `worker` has finished a step that did not finish a rung.
+    pub fn step_done(&mut self, now: Duration, worker: usize) -> Verdict {
+        self.see(now);
+        self.learn_step(now, worker);
+        if let Some(running) = self.running.get_mut(worker).and_then(Option::as_mut) {
+            running.step_started = now;
+        }
+        self.go_on(now, worker, false)
+    }
+
+    /// `worker` has made the mesh.
+    pub fn meshed(&mut self, now: Duration, worker: usize) {
+        self.see(now);
+        let Some(running) = self.running.get_mut(worker).and_then(Option::as_mut) else {
+            return;
+        };
+        let took = running.end_stage(now, running.costs.mesh, Phase::Encode);
+        let Running { work, .. } = *running;
+        if let Some(kind) = work.mesh {
+            self.costs.learn(now, kind, Stage::Mesh, work.units, took);
+        }
+    }
+
+    /// `worker` has encoded its result and is idle. `None` if it had no job.
+    pub fn finished(&mut self, now: Duration, worker: usize) -> Option<Finished> {
+        self.see(now);
+        let mut running = self.running.get_mut(worker)?.take()?;
+        let work = running.work;
+        let took = running.end_stage(now, running.costs.encode, Phase::Encode);
+        self.costs
+            .learn(now, work.encode, Stage::Encode, work.units, took);
+        Some(Finished {
+            predicted: running.predicted,
+            actual: running.actual,
+        })
+    }
+
+    /// `worker` has failed at its job or dropped it: it is idle, and nothing is learned.
+    pub fn failed(&mut self, now: Duration, worker: usize) {
+        self.see(now);
+        if let Some(running) = self.running.get_mut(worker) {
+            *running = None;
+        }
+    }
+
+    /// `worker` was replaced: its job and the one it had put aside are gone.
+    pub fn replaced(&mut self, now: Duration, worker: usize) {
+        self.failed(now, worker);
+        if let Some(parked) = self.parked.get_mut(worker) {
+            *parked = None;
+        }
+    }
+
+    /// Whether it makes sense to start a job: at its cheapest it will be in time as often as not, by what is known now.
+    fn can_start(&self, now: Duration, waiting: &Waiting<K, J>) -> bool {
+        let Urgency::Deadline { at, .. } = waiting.spec.urgency else {
+            return true;
+        };
+        if !self.is_edf() || waiting.is_probe {
+            return true;
+        }
+        let cheapest = self.variants(&waiting.spec, Level::NoMesh);
+        cheapest
+            .iter()
+            .any(|way| now + way.costs.mandatory().typical <= at)
+    }
+
+    fn start(&mut self, now: Duration, worker: usize, ticket: Ticket, waiting: Waiting<K, J>) -> Dispatch<J> {
+        let spec = waiting.spec;
+        let level = self.ladder.level(now);
+        let due = match spec.urgency {
+            Urgency::Deadline { at, .. } => Some(at),
+            Urgency::Background => None,
+        };
+        let mut variant = match due {
+            Some(due) if self.is_edf() => self.way_at_dispatch(now, due, &waiting, level),
+            _ => waiting.variant,
+        };
+        variant.work.rungs = match self.config.policy {
+            Policy::Fixed(rungs) => variant.work.rungs.min(rungs),
+            _ => variant.work.rungs,
+        }
+        .max(1);
+        let mandatory = variant.costs.mandatory();
+        let mut predicted = mandatory.typical;
+        for index in 1..variant.work.rungs {
+            let rung = variant.costs.rung(index);
+            if self.is_edf() && due.is_some_and(|due| now + predicted + rung.tail > due) {
+                break;
+            }
+            predicted += rung.typical;
+        }
+        self.running[worker] = Some(Running {
+            ticket,
+            stream: spec.stream,
+            due,
+            work: variant.work,
+            costs: variant.costs,
+            has_mesh: variant.has_mesh,
+            is_mesh_optional: spec.is_mesh_optional,
+            phase: Phase::Decode,
+            rungs_done: 0,
+            stage_started: now,
+            step_started: now,
+            carried: Duration::ZERO,
+            predicted: Duration::ZERO,
+            actual: Duration::ZERO,
+            is_cancelled: false,
+            is_superseded: false,
+        });
+        Dispatch {
+            ticket,
+            job: waiting.job,
+            plan: Plan {
+                is_half: variant.is_half,
+                has_mesh: variant.has_mesh,
+                rungs: variant.work.rungs,
+                predicted,
+                mandatory_tail: mandatory.tail,
+                level,
+            },
+            waiting: self.timeline.len() + self.background.len(),
+        }
+    }
+
+    /// The best way to do a job that is in time and takes nothing from those who wait that wasn't its own; else the cheapest.
+    fn way_at_dispatch(
+        &self,
+        now: Duration,
+        due: Duration,
+        waiting: &Waiting<K, J>,
+        level: Level,
+    ) -> Variant<K> {
+        let admitted = waiting.variant.costs.mandatory().charge();
+        let variants = self.variants(&waiting.spec, level);
+        let is_good = |way: &&Variant<K>| {
+            let mandatory = way.costs.mandatory();
+            let bound = self.bound_share(now, None) + mandatory.charge() / self.workers();
+            now + mandatory.tail <= due
+                && (mandatory.charge() <= admitted || self.least_slack(now, 0, bound) >= 0)
+        };
+        let cheapest = || variants.iter().min_by_key(|way| way.costs.mandatory().charge());
+        let found = variants.iter().find(is_good).or_else(cheapest);
+        found.copied().unwrap_or(waiting.variant)
+    }
+
+    /// Whether `worker` starts another step; `is_boundary` if it would be the first of a rung.
+    fn go_on(&mut self, now: Duration, worker: usize, is_boundary: bool) -> Verdict {
+        let Some(running) = self.running.get(worker).and_then(Option::as_ref) else {
+            return Verdict::Abandon;
+        };
+        if running.is_cancelled {
+            self.running[worker] = None;
+            return Verdict::Abandon;
+        }
+        if running.is_superseded {
+            return self.finish(now, worker, StopReason::Superseded);
+        }
+        if !self.is_edf() {
+            return Verdict::Continue;
+        }
+        let Some(due) = running.due else {
+            return self.yield_or_continue(now, worker);
+        };
+        let rung = running.costs.rung(running.rungs_done);
+        let step = running.costs.step.tail;
+        let rest = if is_boundary {
+            rung.tail
+        } else {
+            rung.typical.saturating_sub(running.stage_took(now)).max(step)
+        };
+        if now + rest + running.ending().tail > due {
+            return self.finish(now, worker, StopReason::Budget);
+        }
+        if self.timeline.len() > 0 {
+            // To start a rung, those who wait and those who come must be able to spare all of it. To go on with one, so that what
+            // was done is not wasted, those who were promised an answer must be able to spare the next step.
+            let (headroom, work) = if is_boundary {
+                (self.headroom_for_rungs(now), rung.charge())
+            } else {
+                (0, step)
+            };
+            let bound =
+                self.bound_share(now, Some(worker)) + (work + running.ending().charge()) / self.workers();
+            if self.least_slack(now, headroom, bound) < 0 {
+                return self.finish(now, worker, StopReason::Load);
+            }
+        }
+        Verdict::Continue
+    }
+
+    fn yield_or_continue(&mut self, now: Duration, worker: usize) -> Verdict {
+        if self.timeline.len() == 0 {
+            return Verdict::Continue;
+        }
+        if let Some(mut running) = self.running[worker].take() {
+            running.carried = running.stage_took(now);
+            self.parked[worker] = Some(running);
+        }
+        Verdict::Yield
+    }
+
+    /// Ends the refinement.
+    fn finish(&mut self, now: Duration, worker: usize, because: StopReason) -> Verdict {
+        let is_edf = self.is_edf();
+        let Some(running) = self.running.get_mut(worker).and_then(Option::as_mut) else {
+            return Verdict::Abandon;
+        };
+        if running.is_cancelled {
+            self.running[worker] = None;
+            return Verdict::Abandon;
+        }
+        let with_mesh = now + running.costs.mesh.tail + running.costs.encode.tail;
+        let is_late = is_edf && running.due.is_some_and(|due| with_mesh > due);
+        let has_mesh = running.has_mesh && !(running.is_mesh_optional && is_late);
+        // What was begun of a rung counts as work of this job, though not as a measure of the rung.
+        if running.stage_took(now) > Duration::ZERO {
+            let took = running.stage_took(now);
+            running.predicted += took;
+            running.actual += took;
+        }
+        running.has_mesh = has_mesh;
+        running.phase = if has_mesh { Phase::Mesh } else { Phase::Encode };
+        running.stage_started = now;
+        running.step_started = now;
+        running.carried = Duration::ZERO;
+        Verdict::Finish { has_mesh, because }
+    }
+
+    /// The headroom that leaves those who will come as much of the workers as those who came lately wanted for the mandatory part.
+    fn headroom_for_rungs(&self, now: Duration) -> usize {
+        match self.ladder.load(now, Level::FewerRungs) {
+            load if load < 0.36 => 1,
+            load if load < 0.6 => 2,
+            _ => 3,
+        }
+    }
+
+    fn learn_step(&mut self, now: Duration, worker: usize) {
+        let Some(running) = self.running.get(worker).and_then(Option::as_ref) else {
+            return;
+        };
+        if running.phase == Phase::Refine {
+            let Running { work, .. } = *running;
+            let took = now.saturating_sub(running.step_started);
+            self.costs
+                .learn(now, work.matching, Stage::Step, work.units, took);
+        }
+    }
+}

@@ -1,0 +1,169 @@
+//! The figures of the service's promise, on virtual time: budgets of 10, 20, 50, 100 ms, VGA pairs, loads in terms of the capacity
+//! C at full quality.
+
+use stereo_scheduler::{Config, Policy};
+
+use super::dice::Dice;
+use super::traffic::{Arrivals, VGA, requests};
+use super::world::{Tally, World};
+
+const SEEDS: u64 = 4;
+const SECONDS: f64 = 15.0;
+
+fn run(policy: Policy, workers: u32, arrivals: Arrivals, load: f64) -> Tally {
+    let mut tally = Tally::default();
+    for seed in 0..SEEDS {
+        let mut dice = Dice::new(seed);
+        let config = Config {
+            policy,
+            workers: workers as usize,
+            ..Config::default()
+        };
+        let moments = arrivals.moments(
+            &mut dice,
+            load * VGA.capacity() * f64::from(workers),
+            0.0,
+            SECONDS,
+        );
+        let requests = requests(&mut dice, &VGA, &moments, 0..8);
+        let outcomes = World { config, costs: VGA }.run(&mut dice, &requests);
+        tally.count(&requests, &outcomes, 0.0, SECONDS);
+    }
+    tally
+}
+
+fn show(what: &str, load: f64, tally: &Tally) {
+    println!(
+        "{what:28} {load:3} C: in budget {:7.3} %, refused {:6.3} %, missed of admitted {:.4} %, rungs {:.3}, goodput {:.1}/s",
+        100.0 * tally.attained(),
+        100.0 * tally.refused(),
+        100.0 * tally.missed(),
+        tally.mean_rungs(),
+        tally.goodput()
+    );
+}
+
+const STEADY: [(&str, Arrivals); 2] = [("Poisson", Arrivals::Poisson), ("30 Hz fleet", Arrivals::Fleet)];
+
+#[test]
+fn below_capacity_everything_is_in_budget_and_nearly_all_rungs_are_run() {
+    let most = f64::from(VGA.rungs());
+    for (name, arrivals) in STEADY {
+        for workers in [1, 2] {
+            let tally = run(Policy::Edf, workers, arrivals, 0.8);
+            show(&format!("{name}, {workers} worker(s)"), 0.8, &tally);
+            assert!(
+                tally.attained() >= 0.999,
+                "{name}, {workers}: {}",
+                tally.attained()
+            );
+            // On one worker a 10 ms frame that comes while another is at work can't have all of its 6.6 ms any more.
+            let share = if workers == 1 && name == "Poisson" {
+                0.92
+            } else {
+                0.95
+            };
+            assert!(
+                tally.mean_rungs() >= share * most,
+                "{name}, {workers}: {}",
+                tally.mean_rungs()
+            );
+        }
+    }
+}
+
+#[test]
+fn at_capacity_rungs_are_cut_and_nobody_is_refused() {
+    for (name, arrivals) in STEADY {
+        for workers in [1, 2] {
+            let tally = run(Policy::Edf, workers, arrivals, 1.0);
+            show(&format!("{name}, {workers} worker(s)"), 1.0, &tally);
+            assert!(
+                tally.attained() >= 0.995,
+                "{name}, {workers}: {}",
+                tally.attained()
+            );
+            assert!(tally.refused() <= 0.001, "{name}, {workers}: {}", tally.refused());
+        }
+    }
+}
+
+#[test]
+fn far_above_capacity_goodput_stays_at_its_peak() {
+    for (name, arrivals) in STEADY {
+        for workers in [1, 2] {
+            let tallies: Vec<(f64, Tally)> = [1.0, 2.0, 3.0, 4.0]
+                .map(|load| (load, run(Policy::Edf, workers, arrivals, load)))
+                .into();
+            let peak = tallies
+                .iter()
+                .map(|(_, tally)| tally.goodput())
+                .fold(0.0, f64::max);
+            for (load, tally) in &tallies {
+                show(&format!("{name}, {workers} worker(s)"), *load, tally);
+                // No more than what is offered can be good.
+                let possible = peak.min(tally.offered / tally.seconds);
+                assert!(
+                    tally.goodput() >= 0.95 * possible,
+                    "{name}, {workers} at {load} C"
+                );
+                assert!(
+                    tally.missed() <= 0.001,
+                    "{name}, {workers} at {load} C: {}",
+                    tally.missed()
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn after_a_burst_of_five_times_the_capacity_it_is_back_within_half_a_second() {
+    for workers in [1_u32, 2] {
+        let mut after = Tally::default();
+        for seed in 0..30 {
+            let mut dice = Dice::new(seed);
+            let capacity = VGA.capacity() * f64::from(workers);
+            let mut moments = Arrivals::Poisson.moments(&mut dice, 0.8 * capacity, 0.0, 1.0);
+            moments.extend(Arrivals::Poisson.moments(&mut dice, 5.0 * capacity, 1.0, 6.0));
+            moments.extend(Arrivals::Poisson.moments(&mut dice, 0.8 * capacity, 6.0, 7.5));
+            let requests = requests(&mut dice, &VGA, &moments, 0..8);
+            let config = Config {
+                workers: workers as usize,
+                ..Config::default()
+            };
+            let outcomes = World { config, costs: VGA }.run(&mut dice, &requests);
+            after.count(&requests, &outcomes, 6.5, 7.5);
+        }
+        show(&format!("0.5 s after a burst, {workers}"), 0.8, &after);
+        assert!(after.attained() >= 0.99);
+    }
+}
+
+/// `cargo test --release -p stereo-scheduler --test simulation -- --nocapture rivals` prints the table.
+#[test]
+fn rivals_collapse_where_this_does_not() {
+    for load in [0.8, 1.0, 2.0, 4.0] {
+        let ours = run(Policy::Edf, 1, Arrivals::Poisson, load);
+        show("edf", load, &ours);
+        for (name, rival) in [
+            ("fifo", Policy::Fifo),
+            ("fifo-timeout", Policy::FifoTimeout),
+            ("fixed:1", Policy::Fixed(1)),
+            ("fixed:3", Policy::Fixed(3)),
+        ] {
+            let tally = run(rival, 1, Arrivals::Poisson, load);
+            show(name, load, &tally);
+            let limit = match rival {
+                Policy::Fifo if load >= 2.0 => 0.02,
+                Policy::FifoTimeout | Policy::Fixed(3) if load >= 1.0 => 0.8,
+                _ => 1.0,
+            };
+            assert!(
+                tally.attained() <= limit * ours.attained(),
+                "{name} at {load} C: {}",
+                tally.attained()
+            );
+        }
+    }
+}

@@ -1,0 +1,84 @@
+//! One admitted request, from its admission to its answer.
+
+use std::sync::{Mutex, PoisonError};
+use std::time::Instant;
+
+use tokio::sync::{oneshot, watch};
+
+use crate::job::{FrameReply, FrameRequest};
+use crate::status::ServiceError;
+
+/// What a job ends with.
+pub(crate) type Outcome = Result<FrameReply, ServiceError>;
+
+/// Called on the worker after each finished rung.
+pub type OnRung = Box<dyn Fn(stereo::Quality) + Send + Sync>;
+
+/// One request on its way through a worker. Shared by the worker, which computes, and its slot, which answers if the worker doesn't.
+pub(crate) struct Job {
+    pub(crate) request: FrameRequest,
+    pub(crate) enqueued_at: Instant,
+    on_rung: Option<OnRung>,
+    /// Taken by whoever answers.
+    reply: Mutex<Option<(oneshot::Sender<Outcome>, Admitted)>>,
+}
+
+impl Job {
+    /// The job, and the end its outcome arrives at.
+    pub(super) fn new(
+        request: FrameRequest,
+        on_rung: Option<OnRung>,
+        admitted: Admitted,
+    ) -> (Self, oneshot::Receiver<Outcome>) {
+        let (reply, outcome) = oneshot::channel();
+        (
+            Self {
+                request,
+                enqueued_at: Instant::now(),
+                on_rung,
+                reply: Mutex::new(Some((reply, admitted))),
+            },
+            outcome,
+        )
+    }
+
+    /// A job outside any queue, for which nobody waits.
+    pub(crate) fn detached(request: FrameRequest) -> Self {
+        Self::new(request, None, Admitted::new(&watch::Sender::new(0))).0
+    }
+
+    /// Tells whoever watches that a rung is finished.
+    pub(crate) fn report_rung(&self, quality: stereo::Quality) {
+        if let Some(on_rung) = &self.on_rung {
+            on_rung(quality);
+        }
+    }
+
+    /// Ends the job; only the first answer counts. The request and the place among the admitted ones are given up first, so that
+    /// whoever gets the outcome finds them free.
+    pub(crate) fn answer(self: std::sync::Arc<Self>, outcome: Outcome) {
+        let reply = self.reply.lock().unwrap_or_else(PoisonError::into_inner).take();
+        drop(self);
+        if let Some((reply, admitted)) = reply {
+            drop(admitted);
+            // An error means that the client has gone: its outcome interests nobody.
+            drop(reply.send(outcome));
+        }
+    }
+}
+
+/// One of the admitted jobs, counted while this lives.
+pub(super) struct Admitted(watch::Sender<usize>);
+
+impl Admitted {
+    pub(super) fn new(count: &watch::Sender<usize>) -> Self {
+        count.send_modify(|n| *n += 1);
+        Self(count.clone())
+    }
+}
+
+impl Drop for Admitted {
+    fn drop(&mut self) {
+        self.0.send_modify(|n| *n -= 1);
+    }
+}

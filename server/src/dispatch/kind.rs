@@ -1,0 +1,290 @@
+//! What a frame's stages are like, for the scheduler's cost model: stages of one kind cost about the same for each pixel.
+
+use std::hash::{DefaultHasher, Hash, Hasher};
+use std::time::{Duration, Instant};
+
+use stereo::{Density, Preset, Roi, Shape, rung_names};
+use stereo_scheduler::{ClientId, JobSpec, StreamId, Urgency, Work};
+
+use crate::job::{
+    Compression, DisparityEncoding, FrameOptions, FrameRequest, ImageData, ImageEncoding, PixelFormat,
+    ReplyFormat,
+};
+
+/// Kind of a stage. Every part of it is bounded, so there are a few hundred in practice.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub(crate) enum Kind {
+    /// Both images to gray.
+    Decode {
+        /// Stands for their encodings.
+        codecs: u8,
+        /// Size class of the images.
+        size: u32,
+        /// Whether they are then halved; units are pixels of the halved images.
+        is_half: bool,
+    },
+    /// The rungs.
+    Match {
+        /// Ladder.
+        preset: Preset,
+        /// Whether every pixel is wanted.
+        is_dense: bool,
+        /// Disparities in steps of 16.
+        disparity_steps: u16,
+        /// How small the region of interest is, as powers of two of the image.
+        roi: u32,
+        /// Size class of the matched images.
+        size: u32,
+    },
+    /// Triangulation of the output mesh.
+    Mesh {
+        /// Ladder.
+        preset: Preset,
+        /// How small the region of interest is.
+        roi: u32,
+        /// Size class of the matched images.
+        size: u32,
+    },
+    /// All bodies.
+    Encode {
+        /// Formats, one bit each.
+        formats: u8,
+        /// Parts, encoding and compression of a protobuf result.
+        result: u16,
+        /// Size class of the images.
+        size: u32,
+        /// Whether the matched images were halved; units are their pixels.
+        is_half: bool,
+    },
+}
+
+/// A request as the scheduler knows it; `time` turns moments into the scheduler's.
+pub(super) fn spec(request: &FrameRequest, time: impl Fn(Instant) -> Duration) -> JobSpec<Kind> {
+    let is_stream = request.ids.sequence.is_some() && !request.ids.camera_id.is_empty();
+    JobSpec {
+        client: ClientId(hashed(&request.client)),
+        weight: 1,
+        stream: is_stream.then(|| StreamId(hashed(&request.ids.camera_id))),
+        urgency: match request.deadline() {
+            Some(deadline) => Urgency::Deadline {
+                at: time(deadline),
+                priority: super::priority(request.options.priority),
+            },
+            None => Urgency::Background,
+        },
+        work: work(request, false),
+        half: can_be_halved(request).then(|| work(request, true)),
+        is_mesh_optional: request.options.outputs.mesh_is_optional
+            && !request.formats.iter().any(|format| format.needs_mesh()),
+    }
+}
+
+/// The stages of a request.
+pub(crate) fn work(request: &FrameRequest, is_half: bool) -> Work<Kind> {
+    let options = &request.options;
+    let params = &options.params;
+    let area = |width_px: u32, height_px: u32| width_px.max(1).saturating_mul(height_px.max(1));
+    let (width_px, height_px) = (request.left.width_px, request.left.height_px);
+    let image = area(width_px, height_px);
+    let units = if is_half {
+        area(width_px / 2, height_px / 2)
+    } else {
+        image
+    };
+    let roi = roi_class(params.roi, image);
+    let (size, image_size) = (size_class(units), size_class(image));
+    let disparities = if is_half {
+        params.range.count / 2
+    } else {
+        params.range.count
+    };
+    let ladder = u8::try_from(rung_names(params.preset).len()).unwrap_or(u8::MAX);
+    Work {
+        units,
+        decode: Kind::Decode {
+            codecs: 4 * codec(&request.left) + codec(&request.right),
+            size: image_size,
+            is_half,
+        },
+        matching: Kind::Match {
+            preset: params.preset,
+            is_dense: params.density == Density::Dense,
+            disparity_steps: disparities.div_ceil(16),
+            roi,
+            size,
+        },
+        mesh: wants_mesh(request).then_some(Kind::Mesh {
+            preset: params.preset,
+            roi,
+            size,
+        }),
+        encode: encode_kind(&request.formats, options, image_size, is_half),
+        rungs: options.max_iterations.unwrap_or(ladder).min(ladder),
+    }
+}
+
+/// The least that a request with a body of `bytes` bytes can ask for: raw pixels of four bytes, the first rung, and no mesh.
+pub(crate) fn least_work(bytes: u64) -> Work<Kind> {
+    let units = u32::try_from(bytes / 8).unwrap_or(u32::MAX).max(1);
+    let size = size_class(units);
+    let params = stereo::Params::default();
+    Work {
+        units,
+        decode: Kind::Decode {
+            codecs: 0,
+            size,
+            is_half: false,
+        },
+        matching: Kind::Match {
+            preset: params.preset,
+            is_dense: false,
+            disparity_steps: params.range.count / 16,
+            roi: 0,
+            size,
+        },
+        mesh: None,
+        encode: encode_kind(
+            &[ReplyFormat::DisparityPng],
+            &FrameOptions::default(),
+            size,
+            false,
+        ),
+        rungs: 1,
+    }
+}
+
+/// The encoding of these bodies.
+pub(crate) fn encode_kind(formats: &[ReplyFormat], options: &FrameOptions, size: u32, is_half: bool) -> Kind {
+    let bit = |format: &ReplyFormat| match format {
+        ReplyFormat::Protobuf => 1,
+        ReplyFormat::Json => 2,
+        ReplyFormat::DisparityPng => 4,
+        ReplyFormat::ColorPng => 8,
+        ReplyFormat::Glb => 16,
+        ReplyFormat::Ply => 32,
+    };
+    let result = if formats.contains(&ReplyFormat::Protobuf) {
+        result_code(options)
+    } else {
+        0
+    };
+    Kind::Encode {
+        formats: formats.iter().map(bit).fold(0, |bits, bit| bits | bit),
+        result,
+        size,
+        is_half,
+    }
+}
+
+/// What of a protobuf result makes it dearer or cheaper.
+fn result_code(options: &FrameOptions) -> u16 {
+    let outputs = options.outputs;
+    let parts = [
+        outputs.disparity,
+        outputs.confidence,
+        outputs.depth,
+        outputs.mesh,
+        outputs.points,
+        outputs.colors,
+    ];
+    let bits = parts.iter().fold(0, |bits, &wanted| 2 * bits + u16::from(wanted));
+    let encoding = match options.disparity_encoding {
+        DisparityEncoding::F32 => 0,
+        DisparityEncoding::U16 => 1,
+        DisparityEncoding::Png16 => 2,
+    };
+    let compression = match options.compression {
+        Compression::None => 0,
+        Compression::Zstd => 1,
+        Compression::Lz4 => 2,
+    };
+    bits + 64 * (encoding + 4 * compression)
+}
+
+/// Whether any body of the reply has the mesh in it.
+fn wants_mesh(request: &FrameRequest) -> bool {
+    let in_result = request.options.outputs.mesh;
+    request
+        .formats
+        .iter()
+        .any(|&format| format.needs_mesh() || (format == ReplyFormat::Protobuf && in_result))
+}
+
+/// Whether the client allows it and the halved images are not too small.
+fn can_be_halved(request: &FrameRequest) -> bool {
+    let least = 2 * Shape::MIN_SIDE_PX;
+    let is_large = |px: u32| px as usize >= least;
+    request.options.allow_downscale && is_large(request.left.width_px) && is_large(request.left.height_px)
+}
+
+/// Logarithm to base 4 of the area: caches make large images dearer by the pixel.
+pub(super) fn size_class(area_px: u32) -> u32 {
+    area_px.max(1).ilog2() / 2
+}
+
+fn roi_class(roi: Option<Roi>, image_px: u32) -> u32 {
+    roi.map_or(0, |roi| {
+        let area = u32::try_from(roi.width * roi.height).unwrap_or(u32::MAX);
+        (image_px / area.max(1)).max(1).ilog2()
+    })
+}
+
+fn codec(image: &ImageData) -> u8 {
+    match image.encoding {
+        ImageEncoding::Raw(PixelFormat::Mono8) => 0,
+        ImageEncoding::Raw(_) => 1,
+        ImageEncoding::Png => 2,
+        ImageEncoding::Jpeg => 3,
+    }
+}
+
+fn hashed(name: &str) -> u64 {
+    let mut hasher = DefaultHasher::new();
+    name.hash(&mut hasher);
+    hasher.finish()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::job::PriorityClass;
+    use crate::pool::dummy_request;
+
+    #[test]
+    fn a_frame_with_a_camera_and_a_number_is_of_a_stream() {
+        let mut request = dummy_request();
+        request.client = "camera front".into();
+        let time = |_| Duration::ZERO;
+        assert_eq!(spec(&request, time).stream, None);
+        request.ids.camera_id = "front".into();
+        assert_eq!(
+            spec(&request, time).stream,
+            None,
+            "without a number it can't be told what is newer"
+        );
+        request.ids.sequence = Some(1);
+        assert!(spec(&request, time).stream.is_some());
+    }
+
+    #[test]
+    fn only_what_may_be_halved_has_a_half() {
+        let mut request = dummy_request();
+        assert_eq!(spec(&request, |_| Duration::ZERO).half, None);
+        request.options.allow_downscale = true;
+        let half = spec(&request, |_| Duration::ZERO).half.unwrap();
+        assert_eq!(half.units, 320 * 240);
+        request.left.height_px = 63;
+        assert_eq!(
+            spec(&request, |_| Duration::ZERO).half,
+            None,
+            "its half is smaller than any image may be"
+        );
+    }
+
+    #[test]
+    fn background_requests_have_no_deadline() {
+        let mut request = dummy_request();
+        request.options.priority = PriorityClass::Background;
+        assert_eq!(spec(&request, |_| Duration::ZERO).urgency, Urgency::Background);
+    }
+}

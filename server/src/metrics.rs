@@ -1,0 +1,425 @@
+//! What the server counts: every metric's name, unit and meaning, in OpenMetrics.
+//!
+//! The table for people, `server/METRICS.md`, is generated from the registry. All labels have a fixed set of values, so the number of
+//! series never grows with clients, cameras or requests.
+
+mod table;
+
+use std::time::Duration;
+
+use prometheus_client::metrics::counter::Counter;
+use prometheus_client::metrics::family::Family;
+use prometheus_client::metrics::gauge::Gauge;
+use prometheus_client::metrics::histogram::Histogram;
+use prometheus_client::registry::{Registry, Unit};
+
+use crate::job::{Degradation, PriorityClass, Report, RungsCut};
+
+/// Upper ends of the histograms of queue, stages and latency, in seconds.
+const LATENCY_BUCKETS: [f64; 14] = [
+    0.001, 0.002, 0.005, 0.010, 0.020, 0.033, 0.050, 0.075, 0.100, 0.150, 0.200, 0.300, 0.500, 1.0,
+];
+/// Upper ends of the histograms of decisions, in seconds.
+const DECISION_BUCKETS: [f64; 12] = [
+    2e-6, 5e-6, 10e-6, 20e-6, 50e-6, 100e-6, 200e-6, 500e-6, 1e-3, 2e-3, 5e-3, 20e-3,
+];
+/// Upper ends of the histogram of prediction errors, as shares of the actual cost.
+const ERROR_BUCKETS: [f64; 9] = [0.01, 0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.5, 1.0];
+
+/// Requests by what became of them: `OK`, the reasons of refusals, and that the client has gone.
+const OUTCOMES: [&str; 12] = [
+    "OK",
+    "INVALID",
+    "TOO_LARGE",
+    "QUOTA",
+    "QUEUE_FULL",
+    "DRAINING",
+    "DEADLINE_INFEASIBLE",
+    "EXPIRED",
+    "SUPERSEDED",
+    "SLOW_READER",
+    "INTERNAL",
+    CANCELLED,
+];
+/// The outcome of a request whose client has gone.
+pub(crate) const CANCELLED: &str = "CANCELLED";
+/// The class of a request that was refused before its class was known.
+const UNKNOWN_CLASS: &str = "unknown";
+const CLASSES: [&str; 4] = ["deadline", "best_effort", "background", UNKNOWN_CLASS];
+const STAGES: [&str; 5] = ["receive", "decode", "match", "mesh", "encode"];
+
+type Label = [(&'static str, &'static str); 1];
+type Labels = [(&'static str, &'static str); 2];
+
+/// Why a connection ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum ConnectionEnd {
+    /// The client closed it, or said that it would.
+    Closed,
+    /// The client broke the protocol or the network failed.
+    Failed,
+    /// It was silent for longer than a head may take.
+    Silent,
+    /// The client did not take what was sent.
+    SlowReader,
+    /// It had sent nothing yet and made room for a new one at the limit.
+    Evicted,
+    /// There was no place for it; it was told so.
+    Refused,
+    /// The server stopped.
+    Stopping,
+}
+
+impl ConnectionEnd {
+    const ALL: [Self; 7] = [
+        Self::Closed,
+        Self::Failed,
+        Self::Silent,
+        Self::SlowReader,
+        Self::Evicted,
+        Self::Refused,
+        Self::Stopping,
+    ];
+
+    fn label(self) -> Label {
+        let name = match self {
+            Self::Closed => "closed",
+            Self::Failed => "failed",
+            Self::Silent => "silent",
+            Self::SlowReader => "slow_reader",
+            Self::Evicted => "evicted",
+            Self::Refused => "refused",
+            Self::Stopping => "stopping",
+        };
+        [("why", name)]
+    }
+}
+
+/// What ended a batch.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum BatchEnd {
+    /// Every request was read and answered.
+    Complete,
+    /// The body ended in the middle of a request, or something else than a request was in it.
+    BrokenOff,
+    /// The client did not read its replies.
+    SlowReader,
+    /// The client has gone.
+    HungUp,
+}
+
+impl BatchEnd {
+    const ALL: [Self; 4] = [Self::Complete, Self::BrokenOff, Self::SlowReader, Self::HungUp];
+
+    fn label(self) -> Label {
+        let name = match self {
+            Self::Complete => "complete",
+            Self::BrokenOff => "broken_off",
+            Self::SlowReader => "slow_reader",
+            Self::HungUp => "hung_up",
+        };
+        [("outcome", name)]
+    }
+}
+
+/// Everything that is counted. Cheap to record; nothing here blocks longer than for a map's look-up.
+pub(crate) struct Metrics {
+    registry: Registry,
+    requests: Family<Labels, Counter>,
+    dropped: Family<Label, Counter>,
+    deadlines: Family<Label, Counter>,
+    latency: Family<Label, Histogram, fn() -> Histogram>,
+    queue: Histogram,
+    stages: Family<Label, Histogram, fn() -> Histogram>,
+    refusal: Histogram,
+    scheduling: Histogram,
+    rungs: Histogram,
+    steps: Counter,
+    degraded: Family<Label, Counter>,
+    prediction_error: Histogram,
+    pub(crate) overload_rung: Gauge,
+    pub(crate) queue_depth: Gauge,
+    pub(crate) bytes_in_flight: Gauge,
+    pub(crate) batch_bytes_in_flight: Gauge,
+    pub(crate) connections: Gauge,
+    connections_ended: Family<Label, Counter>,
+    pub(crate) workers_busy: Gauge,
+    pub(crate) workers: Gauge,
+    pub(crate) worker_panics: Counter,
+    pub(crate) workers_replaced: Counter,
+    pub(crate) batches: Gauge,
+    pub(crate) batch_frames: Counter,
+    batches_ended: Family<Label, Counter>,
+    pub(crate) draining: Gauge,
+}
+
+/// What can be cut of a frame.
+const CUTS: [&str; 5] = [
+    "rungs_for_budget",
+    "rungs_for_load",
+    "rungs_for_newer_frame",
+    "half_resolution",
+    "no_mesh",
+];
+
+/// What was cut of a frame, by the names above.
+fn cuts(degradation: Degradation) -> impl Iterator<Item = &'static str> {
+    let rungs = degradation.rungs.map(|why| match why {
+        RungsCut::Budget => CUTS[0],
+        RungsCut::Load => CUTS[1],
+        RungsCut::Superseded => CUTS[2],
+    });
+    let half = degradation.is_half.then_some(CUTS[3]);
+    let mesh = degradation.has_no_mesh.then_some(CUTS[4]);
+    [rungs, half, mesh].into_iter().flatten()
+}
+
+fn latency_histogram() -> Histogram {
+    Histogram::new(LATENCY_BUCKETS)
+}
+
+impl Metrics {
+    /// Everything at zero, and every series there.
+    pub(crate) fn new() -> Self {
+        let mut book = Book(Registry::with_prefix("stereod"));
+        Self {
+            requests: book.by_class_and_outcome(),
+            dropped: book.counters(
+                "dropped_frames",
+                "Frames that were admitted but got no result, by reason; part of stereod_requests",
+                OUTCOMES[1..].iter().map(|&outcome| [("reason", outcome)]),
+            ),
+            deadlines: book.counters(
+                "deadlines",
+                "Answered frames with a deadline, by whether it was kept; attainment is kept / (kept + missed)",
+                ["kept", "missed"].map(|outcome| [("outcome", outcome)]),
+            ),
+            latency: book.latencies(
+                "latency",
+                "From the first byte of a request to its encoded result, by priority class",
+                CLASSES[..3].iter().map(|&class| [("class", class)]),
+            ),
+            queue: book.seconds(
+                "queue",
+                "Waiting for a worker, of answered frames",
+                latency_histogram(),
+            ),
+            stages: book.latencies(
+                "stage",
+                "Each stage of answered frames alone: receive, decode, match (gray views to disparity), mesh, encode",
+                STAGES.map(|stage| [("stage", stage)]),
+            ),
+            refusal: book.seconds(
+                "refusal",
+                "From the first byte of a request to the decision to refuse it",
+                Histogram::new(DECISION_BUCKETS),
+            ),
+            scheduling: book.seconds(
+                "scheduling",
+                "The scheduler's own work for one admission",
+                Histogram::new(DECISION_BUCKETS),
+            ),
+            rungs: book.plain(
+                "rungs",
+                "Rungs finished for an answered frame",
+                Histogram::new((1..=8).map(f64::from)),
+            ),
+            steps: book.plain("steps", "Steps of matching, the first of a frame included", Counter::default()),
+            degraded: book.counters(
+                "degraded_frames",
+                "Answered frames for which less was done than asked for, by what was cut",
+                CUTS.map(|cut| [("cut", cut)]),
+            ),
+            prediction_error: book.ratio(
+                "prediction_error",
+                "Distance of a frame's predicted from its actual cost, as a share of the actual one",
+                Histogram::new(ERROR_BUCKETS),
+            ),
+            overload_rung: book.plain(
+                "overload_rung",
+                "Level of the overload ladder: 0 nothing is cut, 1 fewer rungs, 2 half resolution where allowed, 3 no optional mesh, 4 best effort dropped, 5 refusing",
+                Gauge::default(),
+            ),
+            queue_depth: book.plain("queued_frames", "Frames that wait for a worker now", Gauge::default()),
+            bytes_in_flight: book.bytes("in_flight", "Bodies of requests and replies held now, batches aside"),
+            batch_bytes_in_flight: book.bytes("batch_in_flight", "Requests and replies of batches held now"),
+            connections: book.plain("connections", "Connections open now", Gauge::default()),
+            connections_ended: book.counters(
+                "connections_ended",
+                "Connections that ended, by why",
+                ConnectionEnd::ALL.map(ConnectionEnd::label),
+            ),
+            workers_busy: book.plain("workers_busy", "Workers that are at a frame now", Gauge::default()),
+            workers: book.plain("workers", "Workers that take frames", Gauge::default()),
+            worker_panics: book.plain("worker_panics", "Frames that failed because a worker panicked", Counter::default()),
+            workers_replaced: book.plain(
+                "workers_replaced",
+                "Workers that were given up because a frame made no progress",
+                Counter::default(),
+            ),
+            batches: book.plain("batches", "Batches under way now", Gauge::default()),
+            batch_frames: book.plain("batch_frames", "Requests read from batches", Counter::default()),
+            batches_ended: book.counters("batches_ended", "Batches that ended, by how", BatchEnd::ALL.map(BatchEnd::label)),
+            draining: book.plain("draining", "1 while the server is stopping and takes no new work", Gauge::default()),
+            registry: book.0,
+        }
+    }
+
+    /// A request has ended; `class` is `None` if it was refused before that was known.
+    pub(crate) fn ended(&self, class: Option<PriorityClass>, outcome: &'static str) {
+        let class = class.map_or(UNKNOWN_CLASS, PriorityClass::name);
+        self.requests
+            .get_or_create(&[("class", class), ("outcome", outcome)])
+            .inc();
+    }
+
+    /// A request was refused `after` its first byte.
+    pub(crate) fn refused(&self, after: Duration) {
+        self.refusal.observe(after.as_secs_f64());
+    }
+
+    /// An admitted frame got no result.
+    pub(crate) fn dropped(&self, reason: &'static str) {
+        self.dropped.get_or_create(&[("reason", reason)]).inc();
+    }
+
+    /// A frame was answered; `costs` are what its stages were expected to take and what they took.
+    pub(crate) fn answered(
+        &self,
+        class: PriorityClass,
+        report: &Report,
+        costs: Option<(Duration, Duration)>,
+    ) {
+        let seconds = |duration: Duration| duration.as_secs_f64();
+        self.latency
+            .get_or_create(&[("class", class.name())])
+            .observe(seconds(report.total));
+        self.queue.observe(seconds(report.queued));
+        let stages = [
+            report.received,
+            report.decoded,
+            report.matched,
+            report.meshed,
+            report.encoded,
+        ];
+        for (stage, took) in STAGES.into_iter().zip(stages) {
+            self.stages
+                .get_or_create(&[("stage", stage)])
+                .observe(seconds(took));
+        }
+        self.rungs.observe(f64::from(report.iterations_run));
+        self.steps.inc_by(report.steps);
+        if class != PriorityClass::Background {
+            let kept = if report.deadline_met { "kept" } else { "missed" };
+            self.deadlines.get_or_create(&[("outcome", kept)]).inc();
+        }
+        if let Some((predicted, actual)) = costs
+            && !predicted.is_zero()
+            && !actual.is_zero()
+        {
+            let (predicted, actual) = (seconds(predicted), seconds(actual));
+            self.prediction_error.observe((predicted - actual).abs() / actual);
+        }
+        for cut in cuts(report.degradation) {
+            self.degraded.get_or_create(&[("cut", cut)]).inc();
+        }
+    }
+
+    /// The scheduler took this long to admit a frame or to refuse it.
+    pub(crate) fn scheduled(&self, took: Duration) {
+        self.scheduling.observe(took.as_secs_f64());
+    }
+
+    /// A connection ended.
+    pub(crate) fn connection_ended(&self, end: ConnectionEnd) {
+        self.connections_ended.get_or_create(&end.label()).inc();
+    }
+
+    /// A batch ended.
+    pub(crate) fn batch_ended(&self, end: BatchEnd) {
+        self.batches_ended.get_or_create(&end.label()).inc();
+    }
+
+    /// The OpenMetrics text.
+    pub(crate) fn text(&self) -> String {
+        let mut text = String::new();
+        // Writing to a string can't fail.
+        let _ = prometheus_client::encoding::text::encode(&mut text, &self.registry);
+        text
+    }
+}
+
+/// The registry while it is filled.
+struct Book(Registry);
+
+impl Book {
+    fn plain<M: prometheus_client::registry::Metric + Clone>(
+        &mut self,
+        name: &str,
+        help: &str,
+        metric: M,
+    ) -> M {
+        self.0.register(name, help, metric.clone());
+        metric
+    }
+
+    fn seconds(&mut self, name: &str, help: &str, metric: Histogram) -> Histogram {
+        self.0
+            .register_with_unit(name, help, Unit::Seconds, metric.clone());
+        metric
+    }
+
+    fn ratio(&mut self, name: &str, help: &str, metric: Histogram) -> Histogram {
+        self.0
+            .register_with_unit(name, help, Unit::Ratios, metric.clone());
+        metric
+    }
+
+    fn bytes(&mut self, name: &str, help: &str) -> Gauge {
+        let gauge = Gauge::default();
+        self.0.register_with_unit(name, help, Unit::Bytes, gauge.clone());
+        gauge
+    }
+
+    fn counters(
+        &mut self,
+        name: &str,
+        help: &str,
+        labels: impl IntoIterator<Item = Label>,
+    ) -> Family<Label, Counter> {
+        let family = Family::<Label, Counter>::default();
+        for label in labels {
+            drop(family.get_or_create(&label));
+        }
+        self.plain(name, help, family)
+    }
+
+    fn latencies(
+        &mut self,
+        name: &str,
+        help: &str,
+        labels: impl IntoIterator<Item = Label>,
+    ) -> Family<Label, Histogram, fn() -> Histogram> {
+        let family = Family::new_with_constructor(latency_histogram as fn() -> Histogram);
+        for label in labels {
+            drop(family.get_or_create(&label));
+        }
+        self.0
+            .register_with_unit(name, help, Unit::Seconds, family.clone());
+        family
+    }
+
+    fn by_class_and_outcome(&mut self) -> Family<Labels, Counter> {
+        let family = Family::<Labels, Counter>::default();
+        for class in CLASSES {
+            for outcome in OUTCOMES {
+                drop(family.get_or_create(&[("class", class), ("outcome", outcome)]));
+            }
+        }
+        let help = "Requests by priority class (unknown: refused before it was read) and outcome: OK, the reason of the refusal, or CANCELLED by the client";
+        self.plain("requests", help, family)
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,192 @@
+//! Up the ladder, rung by rung: until it or the request ends, or somebody says that it is enough.
+
+use std::time::{Duration, Instant};
+
+use stereo::{Progress, Quality};
+use stereo_scheduler::{Stage, StopReason, Verdict};
+
+use super::rig::Rig;
+use crate::dispatch::{Job, Replaced, Seat};
+use crate::job::{FrameOptions, PriorityClass};
+use crate::status::ServiceError;
+
+/// Why a frame has no reply.
+#[derive(Debug)]
+pub(crate) enum Stopped {
+    /// Nobody waits for it any more; the scheduler has said so.
+    Abandoned,
+    /// Another thread has this worker's place, and the frame has been answered.
+    Replaced,
+    /// The client gets the reason.
+    Failed(ServiceError),
+}
+
+impl From<ServiceError> for Stopped {
+    fn from(error: ServiceError) -> Self {
+        Self::Failed(error)
+    }
+}
+
+impl From<Replaced> for Stopped {
+    fn from(_: Replaced) -> Self {
+        Self::Replaced
+    }
+}
+
+/// Who says when it is enough.
+pub(super) enum Guide<'a> {
+    /// The scheduler.
+    Seat(&'a Seat),
+    /// Nobody: the whole ladder is climbed and timed.
+    Clock(&'a mut Clock),
+}
+
+/// Times the stages of a dummy frame.
+pub(super) struct Clock {
+    last: Instant,
+    pub(super) stages: Vec<(Stage, Duration)>,
+}
+
+impl Clock {
+    pub(super) fn new() -> Self {
+        Self {
+            last: Instant::now(),
+            stages: Vec::new(),
+        }
+    }
+
+    fn lap(&mut self) -> Duration {
+        let now = Instant::now();
+        let took = now - self.last;
+        self.last = now;
+        took
+    }
+}
+
+impl Guide<'_> {
+    pub(super) fn decoded(&mut self) -> Result<(), Replaced> {
+        match self {
+            Self::Seat(seat) => seat.decoded(),
+            Self::Clock(clock) => {
+                let took = clock.lap();
+                clock.stages.push((Stage::Decode, took));
+                Ok(())
+            }
+        }
+    }
+
+    fn rung_done(&mut self, rung: u8, has_more: bool) -> Result<Verdict, Replaced> {
+        match self {
+            Self::Seat(seat) => seat.rung_done(has_more),
+            Self::Clock(clock) => {
+                let took = clock.lap();
+                clock.stages.push((Stage::Rung(rung - 1), took));
+                Ok(if has_more { Verdict::Continue } else { COMPLETE })
+            }
+        }
+    }
+
+    fn step_done(&self) -> Result<Verdict, Replaced> {
+        match self {
+            Self::Seat(seat) => seat.step_done(),
+            Self::Clock(_) => Ok(Verdict::Continue),
+        }
+    }
+
+    pub(super) fn meshed(&mut self) -> Result<(), Replaced> {
+        match self {
+            Self::Seat(seat) => seat.meshed(),
+            Self::Clock(clock) => {
+                let took = clock.lap();
+                clock.stages.push((Stage::Mesh, took));
+                Ok(())
+            }
+        }
+    }
+
+    /// One body is encoded.
+    pub(super) fn encoded(&mut self) -> Result<(), Replaced> {
+        match self {
+            Self::Seat(seat) => seat.beat(),
+            Self::Clock(clock) => {
+                let took = clock.lap();
+                clock.stages.push((Stage::Encode, took));
+                Ok(())
+            }
+        }
+    }
+}
+
+/// The end of the ladder.
+const COMPLETE: Verdict = Verdict::Finish {
+    has_mesh: true,
+    because: StopReason::Complete,
+};
+
+/// How far a frame has got, kept while it lies aside.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Height {
+    pub(super) quality: Option<Quality>,
+    pub(super) steps: u64,
+    /// Time spent matching.
+    pub(super) matched: Duration,
+}
+
+/// Why the climb ended.
+pub(super) enum Top {
+    /// Publish what there is.
+    Finish { has_mesh: bool, because: StopReason },
+    /// Lay the frame aside.
+    Aside,
+}
+
+/// From where the frame is until it is told to stop. `has_mesh` as planned; `active` is how long the frame has been worked on before.
+pub(super) fn climb(
+    rig: &mut Rig,
+    job: &Job,
+    height: &mut Height,
+    guide: &mut Guide<'_>,
+    has_mesh: bool,
+    active: Duration,
+) -> Result<Top, Stopped> {
+    let started = Instant::now();
+    let before = height.matched;
+    loop {
+        let progress = rig.step(&job.request, height.quality.is_none())?;
+        height.steps += 1;
+        height.matched = before + started.elapsed();
+        let reached = height.quality.map_or(0, |quality| quality.rung);
+        let verdict = match progress {
+            Progress::Working => guide.step_done()?,
+            Progress::Improved(quality) | Progress::Converged(quality) if quality.rung > reached => {
+                height.quality = Some(quality);
+                job.report_rung(quality);
+                guide.rung_done(quality.rung, matches!(progress, Progress::Improved(_)))?
+            }
+            // Nothing was left to do, which the scheduler could not know.
+            Progress::Improved(_) | Progress::Converged(_) => Verdict::Finish {
+                has_mesh,
+                because: StopReason::Complete,
+            },
+        };
+        match verdict {
+            Verdict::Finish { has_mesh, because } => return Ok(Top::Finish { has_mesh, because }),
+            Verdict::Yield => return Ok(Top::Aside),
+            Verdict::Abandon => return Err(Stopped::Abandoned),
+            Verdict::Continue
+                if height.quality.is_some() && is_spent(&job.request.options, active + started.elapsed()) =>
+            {
+                return Ok(Top::Finish {
+                    has_mesh,
+                    because: StopReason::Budget,
+                });
+            }
+            Verdict::Continue => {}
+        }
+    }
+}
+
+/// Whether a background request has used up the budget it was given. Budgets of the others are the scheduler's business.
+fn is_spent(options: &FrameOptions, active: Duration) -> bool {
+    options.priority == PriorityClass::Background && active >= options.latency_budget
+}

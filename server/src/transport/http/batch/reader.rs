@@ -1,0 +1,110 @@
+//! The requests of a batch, taken from its body one by one.
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use axum::body::Body;
+use bytes::Bytes;
+use http_body_util::BodyExt;
+use tokio::sync::OwnedSemaphorePermit;
+use tokio::time::timeout_at;
+
+use crate::status::ServiceError;
+use crate::transport::http::Http;
+use crate::wire::Delimited;
+
+/// One request as it came.
+pub(super) struct Message {
+    pub(super) bytes: Bytes,
+    /// Its place in the batch, from 0.
+    pub(super) index: u64,
+    /// Its bytes count as in flight while this lives.
+    pub(super) share: Option<OwnedSemaphorePermit>,
+}
+
+/// Reads on where it left off, even if [`next`](Self::next) is dropped half-way.
+pub(super) struct Reader {
+    http: Arc<Http>,
+    body: Body,
+    arrived: Delimited,
+    /// Room for the message that is arriving.
+    share: Option<OwnedSemaphorePermit>,
+    index: u64,
+    waiting_since: Instant,
+}
+
+impl Reader {
+    pub(super) fn new(http: Arc<Http>, body: Body) -> Self {
+        Self {
+            arrived: Delimited::new(http.bodies.body_bytes()),
+            http,
+            body,
+            share: None,
+            index: 0,
+            waiting_since: Instant::now(),
+        }
+    }
+
+    /// What was not read because others were under way does not count against the sender.
+    pub(super) fn wait_anew(&mut self) {
+        self.waiting_since = Instant::now();
+    }
+
+    /// The next request; `None` at the end. A sender may rest between two requests while it waits for replies (not `is_idle`).
+    pub(super) async fn next(&mut self, is_idle: bool) -> Result<Option<Message>, ServiceError> {
+        loop {
+            if let Some(len) = self.arrived.next_len()? {
+                if self.share.is_none() {
+                    self.share = self.http.bodies.batch_share(len).await;
+                    self.wait_anew();
+                }
+                if let Some(bytes) = self.arrived.next_message()? {
+                    let index = self.index;
+                    self.index += 1;
+                    self.wait_anew();
+                    return Ok(Some(Message {
+                        bytes,
+                        index,
+                        share: self.share.take(),
+                    }));
+                }
+            }
+            if !self.read_piece(is_idle).await? {
+                return match self.arrived.is_between() {
+                    true => Ok(None),
+                    false => Err(broken_off("its last request is not whole")),
+                };
+            }
+        }
+    }
+
+    /// One more piece of the body; false at its end.
+    async fn read_piece(&mut self, is_idle: bool) -> Result<bool, ServiceError> {
+        let limit = self.http.bodies.timeout();
+        let due = self.waiting_since + limit;
+        let piece = match timeout_at(due.into(), self.body.frame()).await {
+            Ok(piece) => piece,
+            Err(_) if !is_idle && self.arrived.is_between() => {
+                self.wait_anew();
+                return Ok(true);
+            }
+            Err(_) => return Err(ServiceError::ReadTimeout { limit }),
+        };
+        match piece {
+            None => Ok(false),
+            Some(Ok(frame)) => {
+                if let Some(data) = frame.data_ref() {
+                    self.arrived.push(data);
+                }
+                Ok(true)
+            }
+            Some(Err(error)) => Err(broken_off(&error.to_string())),
+        }
+    }
+}
+
+fn broken_off(why: &str) -> ServiceError {
+    ServiceError::Invalid(format!(
+        "the batch broke off ({why}): what was whole before has been answered, send the rest again"
+    ))
+}
