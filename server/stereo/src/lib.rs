@@ -22,7 +22,11 @@
 //!        |                  |
 //!        '----- resample    badly explained pixels of finer cells (paper: C_g and C_b of a halved grid)
 //!                           |
-//!               propagate   (last rung) badly explained pixels try their neighbours' disparities
+//!               propagate   (preset fast) badly explained pixels try their neighbours' disparities
+//!               coarse      (preset default) bands of semi-global matching around the mesh, at a quarter and at half of
+//!                           the resolution: band, winner, speckle, fill, certainty
+//!               upsample, cost, smooth   that result at full resolution, corrected by up to a pixel
+//!               surface     the mesh of such a dense result, fitted to its map
 //! ```
 //!
 //! What belongs to which preset is data: `ladder`. A **rung** is a publishable result, a **step** a bounded slice of the
