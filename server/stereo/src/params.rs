@@ -50,7 +50,8 @@ impl Default for DisparityRange {
 /// Which pixels get a disparity.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Density {
-    /// The high-gradient pixels whose disparity was validated.
+    /// The high-gradient pixels; after a mesh rung those whose disparity was validated, after a dense rung all of them, with
+    /// little confidence where it was filled in.
     #[default]
     SemiDense,
     /// Every pixel; where validation failed or there is no texture, the mesh's plane, with confidence 0.

@@ -354,9 +354,11 @@ fn every_level_of_this_machine_gives_the_same_bits() {
 #[test]
 fn several_threads_give_the_same_bits_as_one() {
     let pair = Pair::with_disparity(333, 210, |y| 6 + i64::try_from(y / 50 * 9).unwrap());
-    let one = climb(&mut matcher(pair.shape(), Params::fast()), &pair, &Serial);
-    let three = climb(&mut matcher(pair.shape(), Params::fast()), &pair, &ThreeThreads);
-    assert_eq!(one, three);
+    for params in [Params::default(), Params::fast(), Params::paper()] {
+        let one = climb(&mut matcher(pair.shape(), params.clone()), &pair, &Serial);
+        let three = climb(&mut matcher(pair.shape(), params), &pair, &ThreeThreads);
+        assert_eq!(one, three);
+    }
 }
 
 #[test]
