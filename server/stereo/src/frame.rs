@@ -2,10 +2,9 @@
 
 use std::sync::Mutex;
 
-use crate::band::Penalties;
 use crate::census::Census;
-use crate::coarse::{Coarse, Constants, Part};
-use crate::confidence::{CostScale, rate_dense};
+use crate::coarse::Coarse;
+use crate::confidence::CostScale;
 use crate::cost::Scratch;
 use crate::disparity::{DisparityMap, FIXED_PER_PX};
 use crate::fork_join::ForkJoin;
@@ -21,8 +20,9 @@ use crate::simd::Level;
 use crate::support::{Buckets, Candidate, Support};
 use crate::surface::Surface;
 use crate::triangulation::Triangulation;
-use crate::{certainty, output_mesh, smooth, upsample};
+use crate::{certainty, output_mesh};
 
+mod dense;
 mod meshing;
 
 /// Where the way to a rung goes on.
@@ -40,16 +40,8 @@ pub(crate) enum Stage {
     Propagate { pass: usize },
     /// Evaluate costs from row `row` on.
     Evaluate { row: usize, pass: usize },
-    /// Make the coarse levels' images and words.
-    Shrink,
-    /// Solve part `part` of a coarse level.
-    Quarter { part: usize },
-    /// The same at half resolution.
-    Half { part: usize },
-    /// Bring the half resolution result to full resolution.
-    Enlarge,
-    /// Smooth the full resolution result.
-    Smooth,
+    /// Do a part of the dense rungs' work.
+    Dense(dense::Part),
     /// Rate and write the result.
     Publish,
 }
@@ -64,34 +56,12 @@ impl Stage {
             Self::Interpolate => "interpolate",
             Self::Propagate { .. } => "propagate",
             Self::Evaluate { .. } => "evaluate",
-            Self::Shrink => "shrink",
-            Self::Quarter { .. } => "quarter band",
-            Self::Half { .. } => "half band",
-            Self::Enlarge => "enlarge",
-            Self::Smooth => "smooth",
+            Self::Dense(part) => part.name(),
             Self::Publish => "publish",
         }
     }
 }
 
-/// Penalties and speckles of the coarse levels, from an earlier study on KITTI 2012, which found
-/// accuracy flat around them.
-const QUARTER: Constants = Constants {
-    penalties: Penalties {
-        small: 12,
-        large: 60,
-        least: 24,
-    },
-    speckle_px: 40,
-};
-const HALF: Constants = Constants {
-    penalties: Penalties {
-        small: 18,
-        large: 60,
-        least: 27,
-    },
-    speckle_px: 100,
-};
 /// Context around a region of interest, px: supports there shape the mesh within.
 const CONTEXT_PX: usize = 32;
 
@@ -269,66 +239,8 @@ impl Frame {
             Stage::Interpolate => Some(self.interpolate(rung)),
             Stage::Propagate { pass } => Some(self.propagate(pass)),
             Stage::Evaluate { row, pass } => self.evaluate(row, pass, rung, recipe, join),
-            Stage::Shrink => Some(self.shrink()),
-            Stage::Quarter { part } => {
-                self.quarter.solve(self.level, &QUARTER, Part::ALL[part]);
-                if part + 1 < Part::ALL.len() {
-                    return Some(Stage::Quarter { part: part + 1 });
-                }
-                self.half.centre_on(self.level, &self.quarter);
-                Some(Stage::Half { part: 0 })
-            }
-            Stage::Half { part } => {
-                self.half.solve(self.level, &HALF, Part::ALL[part]);
-                Some(if part + 1 < Part::ALL.len() {
-                    Stage::Half { part: part + 1 }
-                } else {
-                    Stage::Enlarge
-                })
-            }
-            Stage::Enlarge => {
-                self.enlarge();
-                Some(Stage::Publish)
-            }
+            Stage::Dense(part) => Some(self.dense_step(part)),
             Stage::Publish => None,
-            Stage::Smooth => {
-                let (width, height) = (self.width(), self.height());
-                smooth::median(self.level, width, &self.disparity, 0..height, &mut self.proposed);
-                smooth::mean(self.level, width, &self.proposed, 0..height, &mut self.disparity);
-                Some(Stage::Publish)
-            }
-        }
-    }
-
-    /// Starts the coarse levels around the mesh.
-    fn shrink(&mut self) -> Stage {
-        let (width, disparities) = (self.width(), self.window.disparities);
-        let half = |columns: &Columns| columns.start.div_ceil(2)..columns.end / 2;
-        let (left, right) = &self.real_columns;
-        self.half.begin(
-            self.level,
-            (&self.left, &self.right),
-            (left.clone(), right.clone()),
-            disparities,
-        );
-        self.quarter.begin(
-            self.level,
-            self.half.planes(),
-            (half(left), half(right)),
-            disparities / 2,
-        );
-        self.quarter.centre_on_map(&self.interpolated, width, 4);
-        Stage::Quarter { part: 0 }
-    }
-
-    fn enlarge(&mut self) {
-        let (width, max_fixed) = (self.width(), self.window.max_fixed());
-        let (coarse, _) = self.half.result();
-        for (y, row) in self.disparity.chunks_exact_mut(width).enumerate() {
-            upsample::row(self.level, coarse, self.half.width(), y, row);
-            for fixed in row {
-                *fixed = (*fixed).min(max_fixed);
-            }
         }
     }
 
@@ -338,29 +250,11 @@ impl Frame {
             half_at: recipe.half_confidence_at,
             valid_up_to: recipe.valid_up_to,
         };
-        let width = self.width();
         match rung.work {
             Work::Mesh { .. } | Work::Propagate | Work::Paper { .. } => {
                 scale.rate(self.level, &self.cost, &mut self.confidence);
             }
-            Work::HalfBand | Work::Full => {
-                // What is known besides the cost allows a dearer match to be believed.
-                let scale = CostScale {
-                    half_at: recipe.half_confidence_at + 40,
-                    ..scale
-                };
-                let (_, certainty) = self.half.result();
-                let half_width = self.half.width();
-                let rows = self
-                    .confidence
-                    .chunks_exact_mut(width)
-                    .zip(self.cost.chunks_exact(width));
-                for (y, (confidence, costs)) in rows.enumerate() {
-                    let certainty = &certainty[y / 2 * half_width..][..half_width];
-                    let costs = (rung.work == Work::Full).then_some(costs);
-                    rate_dense(self.level, scale, certainty, costs, confidence);
-                }
-            }
+            Work::HalfBand | Work::Full => self.rate_dense(rung, scale),
         }
     }
 

@@ -2,7 +2,7 @@
 
 use std::sync::Mutex;
 
-use super::{Frame, Stage};
+use super::{Frame, Stage, dense};
 use crate::cost::{Best, Evaluation};
 use crate::epipolar::Views;
 use crate::fork_join::ForkJoin;
@@ -28,7 +28,7 @@ impl Frame {
         self.fresh.clear();
         match rung.work {
             Work::Propagate => return Stage::Propagate { pass: 0 },
-            Work::HalfBand => return Stage::Shrink,
+            Work::HalfBand => return Stage::Dense(dense::Part::Shrink),
             Work::Full => {
                 self.proposed.copy_from_slice(&self.disparity);
                 return Stage::Evaluate { row: 0, pass: 0 };
@@ -202,7 +202,7 @@ impl Frame {
         } else if rung.work == Work::Propagate && pass + 1 < PASSES.len() {
             Some(Stage::Propagate { pass: pass + 1 })
         } else if rung.work == Work::Full {
-            Some(Stage::Smooth)
+            Some(Stage::Dense(dense::Part::Smooth))
         } else {
             Some(Stage::Publish)
         }
