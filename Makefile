@@ -1,6 +1,6 @@
 # Short names for plain commands; nothing is done here that can't be typed.
 
-.PHONY: demo test lint fmt eval load
+.PHONY: demo test lint fmt figures eval stages load
 
 # A real pair through a real server; writes out/.
 demo:
@@ -18,10 +18,21 @@ lint:
 fmt:
 	cargo fmt --all
 
-# Accuracy and time beside OpenCV: make eval DATA=../shared/data [ARGS='--only kitti2012 --density semi_dense,dense'].
+# Every figure of the README and of tests/eval/FIGURES.md, measured anew.
+figures: target/venv/ready
+	cargo build --release --package stereo-tests --bin eval
+	for command in accuracy anytime confidence shared-pixels; do \
+		target/release/eval $$command --data $(DATA) --write || exit 1; \
+	done
+
+# Accuracy and time of any combination of options beside OpenCV: make eval DATA=../shared/data [ARGS='--only kitti2012 --density semi_dense,dense'].
 DATA = ../shared/data
 eval: target/venv/ready
-	cargo run --release --package stereo-tests --bin eval -- --data $(DATA) --peers sgbm,3way,bm $(ARGS)
+	cargo run --release --package stereo-tests --bin eval -- any --data $(DATA) --peers sgbm,3way,bm $(ARGS)
+
+# Where a frame's time goes: make stages [ARGS='--preset fast --size 640x480,1280x720 --level avx2,avx512'].
+stages:
+	cargo run --release --package stereo-tests --bin eval -- stages --data $(DATA) $(ARGS)
 
 # What the server keeps under 0.8 to 8 times its capacity, beside rival policies; writes out/load/. For one fleet on a
 # running server: cargo load --server http://host:8080 --cameras 8 --rate 30 --size 640x480 --budget 50.

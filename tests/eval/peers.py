@@ -2,9 +2,11 @@
 
 In, for each pair: a line of JSON (peer, repeat, disparities, width, height), then the left and the right image as 8-bit
 gray rows. Out: one line of JSON at start (opencv: its version), then for each pair a line of JSON (cpu_ms, wall_ms: the
-fastest run's) and the disparities as little-endian 16-bit integers in 1/16 px, negative = none. One thread.
+fastest run's) and the disparities as little-endian 16-bit integers in 1/16 px, negative = none. One thread. A matcher is
+made once and keeps its buffers, as ours does.
 """
 
+import functools
 import json
 import sys
 import time
@@ -13,6 +15,7 @@ import cv2
 import numpy as np
 
 
+@functools.cache
 def matcher(name, disparities):
     """The peers with the settings of OpenCV's own stereo example: blocks of 5 (SGBM) or 15 (BM) pixels."""
     if name == "bm":

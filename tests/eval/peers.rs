@@ -45,8 +45,8 @@ impl Peers {
             .spawn()
             .with_context(|| {
                 format!(
-                    "can't run {}: the peers need Python with opencv-python-headless (`make eval` sets one up, or give \
-                     --python)",
+                    "can't run {}: the peers need Python with opencv-python-headless (`make target/venv/ready` sets \
+                     one up, or give --python)",
                     python.display()
                 )
             })?;
@@ -74,8 +74,7 @@ impl Peers {
         &mut self,
         name: &str,
         repeat: u32,
-        left: &GrayImage,
-        right: &GrayImage,
+        (left, right): (&GrayImage, &GrayImage),
         disparities: u16,
     ) -> Result<Run> {
         let requests = self.requests.as_mut().context("the program is running")?;
@@ -102,6 +101,7 @@ impl Peers {
             .collect();
         Ok(Run {
             disparity_px,
+            estimates: Vec::new(),
             match_ms: reply.cpu_ms,
             wall_ms: reply.wall_ms,
         })

@@ -4,6 +4,7 @@ use std::fmt::Write;
 
 use anyhow::Result;
 use serde_json::{Map, Value, json};
+use stereo_tests::machine;
 use stereo_tests::score::{Accuracy, BOUNDS_PX, Score, mean};
 
 /// All figures of one method.
@@ -25,7 +26,7 @@ impl Row {
         }
     }
 
-    fn match_ms(&self) -> f64 {
+    pub(crate) fn match_ms(&self) -> f64 {
         median(self.times_ms.iter().map(|t| t.0).collect())
     }
 
@@ -40,19 +41,19 @@ pub(crate) struct Table {
     pub(crate) scenes: usize,
     /// The methods in order.
     pub(crate) rows: Vec<Row>,
-    /// Commit, processor, SIMD level.
-    pub(crate) machine: String,
 }
 
 impl Table {
+    /// The time of OpenCV's SGBM, if it took part.
+    pub(crate) fn sgbm_ms(&self) -> Option<f64> {
+        let sgbm = self.rows.iter().find(|row| row.name.ends_with(" sgbm"));
+        sgbm.map(Row::match_ms)
+    }
+
     /// The table as Markdown, with a last column of speed relative to OpenCV's SGBM if that took part.
     pub(crate) fn markdown(&self) -> String {
-        let sgbm_ms = self
-            .rows
-            .iter()
-            .find(|row| row.name.ends_with(" sgbm"))
-            .map(Row::match_ms);
-        let mut text = format!("{} scenes, {}\n\n", self.scenes, self.machine);
+        let sgbm_ms = self.sgbm_ms();
+        let mut text = format!("{} scenes\n\n", self.scenes);
         text.push_str(
             "| method | match ms | wall ms | density | returned <2/<3/<4/<5 px | all <3 px | dense: density | \
              returned <3 | all <3 | D1-all |",
@@ -97,7 +98,7 @@ impl Table {
             figures.insert("wall_ms".to_owned(), json!(row.wall_ms()));
             methods.insert(row.name.clone(), Value::Object(figures));
         }
-        let all = json!({ "scenes": self.scenes, "machine": self.machine, "methods": methods });
+        let all = json!({ "scenes": self.scenes, "machine": machine::describe(), "methods": methods });
         Ok(serde_json::to_string_pretty(&all)?)
     }
 }
@@ -111,7 +112,7 @@ fn add_figures(figures: &mut Map<String, Value>, label: &str, part: &Accuracy) {
     figures.insert(format!("{label}_d1"), json!(part.d1));
 }
 
-fn median(mut values: Vec<f64>) -> f64 {
+pub(crate) fn median(mut values: Vec<f64>) -> f64 {
     values.sort_by(f64::total_cmp);
     let half = values.len() / 2;
     match values.len() {
@@ -146,7 +147,6 @@ mod tests {
                 row("stereod default 1 it semi_dense", 5.0),
                 row("OpenCV 5.0.0 sgbm", 150.0),
             ],
-            machine: String::new(),
         };
         assert!(table.markdown().contains("| x SGBM |"));
         assert!(table.markdown().contains(" 30.0 |"));

@@ -1,5 +1,6 @@
 //! What real cameras do to a clean pair: exposure difference, noise, blur, misalignment. Seeded and deterministic.
 
+use crate::gray::GrayImage;
 use crate::texture::{hash, signed_unit};
 
 /// What is done to a rendered pair; [`Degradation::NONE`] leaves it as it is.
@@ -28,8 +29,74 @@ impl Degradation {
     };
 }
 
+impl Degradation {
+    /// A real pair, degraded: as a rendered one, but with rows that are moved after the fact, the border's repeated.
+    #[must_use]
+    #[expect(clippy::missing_panics_doc, reason = "it can't: both images keep their sizes")]
+    pub fn of(&self, left: &GrayImage, right: &GrayImage) -> (GrayImage, GrayImage) {
+        let real = |image: &GrayImage| image.pixels().iter().map(|&gray| f64::from(gray)).collect();
+        let (mut left_gray, right_gray): (Vec<f64>, Vec<f64>) = (real(left), real(right));
+        let mut right_gray = lowered(&right_gray, right.width_px(), self.misaligned_px);
+        self.degrade(&mut left_gray, &mut right_gray, right.width_px());
+        let quantized_like = |image: &GrayImage, gray: &[f64]| {
+            let pixels = gray.iter().map(|&gray| quantized(gray)).collect();
+            GrayImage::new(image.width_px(), image.height_px(), pixels).expect("the image's own size")
+        };
+        (
+            quantized_like(left, &left_gray),
+            quantized_like(right, &right_gray),
+        )
+    }
+
+    /// Blur, exposure and noise, in this order; both views are `width` pixels wide.
+    pub(crate) fn degrade(&self, left: &mut [f64], right: &mut [f64], width: usize) {
+        blur(right, width, self.blur_sigma_px);
+        for gray in &mut *right {
+            *gray = *gray * self.gain + self.offset;
+        }
+        for (view, pixels) in [(0, left), (1, right)] {
+            for (i, gray) in pixels.iter_mut().enumerate() {
+                *gray += self.noise_sigma * noise(view, i);
+            }
+        }
+    }
+}
+
+/// `gray` moved down by `rows`, between whole rows by linear interpolation.
+fn lowered(gray: &[f64], width: usize, rows: f64) -> Vec<f64> {
+    let last = (gray.len() / width - 1) as f64;
+    let row = |y: f64| {
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "clamped to the image's rows"
+        )]
+        let y = y.clamp(0.0, last) as usize;
+        &gray[y * width..][..width]
+    };
+    (0..gray.len() / width)
+        .flat_map(|y| {
+            let from = y as f64 - rows;
+            let share = from - from.floor();
+            let (above, below) = (row(from.floor()), row(from.floor() + 1.0));
+            let mixed = above.iter().zip(below);
+            mixed.map(move |(a, b)| a * (1.0 - share) + b * share)
+        })
+        .collect()
+}
+
+/// To the nearest 8-bit gray value.
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "clamped to 0..=255"
+)]
+pub(crate) fn quantized(gray: f64) -> u8 {
+    gray.round().clamp(0.0, 255.0) as u8
+}
+
 /// Blurs rows and columns of `pixels` by a Gaussian; nothing is done for `sigma_px <= 0`.
-pub(crate) fn blur(pixels: &mut [f64], width: usize, sigma_px: f64) {
+fn blur(pixels: &mut [f64], width: usize, sigma_px: f64) {
     if sigma_px <= 0.0 {
         return;
     }
@@ -64,7 +131,7 @@ fn blur_reach_px(sigma_px: f64) -> u32 {
 }
 
 /// Normally distributed noise of unit variance for pixel `i` of view `view`.
-pub(crate) fn noise(view: u32, i: usize) -> f64 {
+fn noise(view: u32, i: usize) -> f64 {
     let i = u32::try_from(i).expect("images have far fewer pixels than u32::MAX");
     // Box and Muller; the first number is kept off zero.
     let radius = (signed_unit(hash(0x51ed_270b, [view, i, 0])) / 2.0 + 0.5).max(1e-9);
@@ -74,7 +141,23 @@ pub(crate) fn noise(view: u32, i: usize) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::{blur, noise};
+    use super::{Degradation, blur, noise};
+    use crate::gray::GrayImage;
+
+    #[test]
+    fn a_real_pair_is_moved_and_exposed_as_asked() {
+        let image = GrayImage::new(2, 3, vec![10, 20, 30, 40, 50, 60]).expect("2 x 3");
+        let changed = Degradation {
+            gain: 2.0,
+            offset: -5.0,
+            misaligned_px: 1.5,
+            ..Degradation::NONE
+        };
+        let (left, right) = changed.of(&image, &image);
+        assert_eq!(left, image);
+        assert_eq!(right.pixels(), [15, 35, 15, 35, 35, 55]);
+        assert_eq!(Degradation::NONE.of(&image, &image), (image.clone(), image));
+    }
 
     #[test]
     fn noise_has_unit_variance_and_no_bias() {

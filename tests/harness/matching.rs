@@ -3,7 +3,7 @@
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
-use stereo::{DisparityMap, Level, Matcher, Params, Progress, Quality, Serial, Shape, StereoPair};
+use stereo::{DisparityMap, ForkJoin, Level, Matcher, Params, Progress, Quality, Serial, Shape, StereoPair};
 
 use crate::gray::GrayImage;
 
@@ -31,8 +31,16 @@ impl Bench {
     /// # Errors
     /// If the size or `params` are refused.
     pub fn new(left: &GrayImage, params: Params) -> Result<Self> {
+        Self::at_level(Level::detect(), left, params)
+    }
+
+    /// The same at a given SIMD level.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn at_level(level: Level, left: &GrayImage, params: Params) -> Result<Self> {
         let shape = Shape::new(left.width_px(), left.height_px())?;
-        let matcher = Matcher::new(Level::detect(), shape, params)?;
+        let matcher = Matcher::new(level, shape, params)?;
         Ok(Self {
             matcher,
             map: DisparityMap::new(shape),
@@ -55,10 +63,24 @@ impl Bench {
     /// # Errors
     /// If the pair has another size than the matcher.
     pub fn run(&mut self, left: &GrayImage, right: &GrayImage, max_rungs: u8) -> Result<Matched> {
+        self.run_with(left, right, max_rungs, &Serial)
+    }
+
+    /// The same on the threads of `join`.
+    ///
+    /// # Errors
+    /// As [`Self::run`].
+    pub fn run_with(
+        &mut self,
+        left: &GrayImage,
+        right: &GrayImage,
+        max_rungs: u8,
+        join: &dyn ForkJoin,
+    ) -> Result<Matched> {
         let pair = StereoPair::new(left.view(), right.view())?;
         let start = Instant::now();
         let mut rungs = Vec::new();
-        let mut progress = self.matcher.base(pair, &mut self.map, &Serial)?;
+        let mut progress = self.matcher.base(pair, &mut self.map, join)?;
         loop {
             match progress {
                 Progress::Working => {}
@@ -74,7 +96,7 @@ impl Bench {
             if rungs.len() >= usize::from(max_rungs) {
                 break;
             }
-            progress = self.matcher.refine(pair, &mut self.map, &Serial);
+            progress = self.matcher.refine(pair, &mut self.map, join);
         }
         let elapsed = start.elapsed();
         Ok(Matched {

@@ -4,7 +4,7 @@
 //! that was hit, so the views agree at any sub-pixel disparity. The true disparity is the left ray's through the pixel's
 //! centre, and the pixel is non-occluded when the right camera's ray to the same point meets nothing before it.
 
-use crate::degrade::{self, Degradation};
+use crate::degrade::{Degradation, quantized};
 use crate::gray::GrayImage;
 use crate::scene::{Rig, Scene};
 use crate::truth::TruthMap;
@@ -54,15 +54,7 @@ impl RenderedPair {
                 lower_px: degradation.misaligned_px,
             },
         );
-        degrade::blur(&mut right, rig.width_px, degradation.blur_sigma_px);
-        for gray in &mut right {
-            *gray = *gray * degradation.gain + degradation.offset;
-        }
-        for (view, pixels) in [(0, &mut left), (1, &mut right)] {
-            for (i, gray) in pixels.iter_mut().enumerate() {
-                *gray += degradation.noise_sigma * degrade::noise(view, i);
-            }
-        }
+        degradation.degrade(&mut left, &mut right, rig.width_px);
         let (all, seen) = true_disparities(scene);
         let map = |px| TruthMap::new(rig.width_px, rig.height_px, px).expect("one disparity a pixel");
         let image = |gray: &[f64]| {
@@ -172,15 +164,6 @@ fn true_disparities(scene: &Scene) -> (Vec<f32>, Vec<f32>) {
 )]
 fn single(value: f64) -> f32 {
     value as f32
-}
-
-#[expect(
-    clippy::cast_possible_truncation,
-    clippy::cast_sign_loss,
-    reason = "clamped to 0..=255"
-)]
-fn quantized(gray: f64) -> u8 {
-    gray.round().clamp(0.0, 255.0) as u8
 }
 
 #[cfg(test)]

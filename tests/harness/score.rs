@@ -60,6 +60,25 @@ pub fn score(disparity_px: &[f32], left: &GrayImage, truth_px: &[f32]) -> Score 
     }
 }
 
+/// Share in percent of the pixels with `chosen` and a true disparity that are within `bound_px` of it; missing = wrong, 0
+/// for no such pixel.
+///
+/// # Panics
+/// If the lengths differ.
+#[must_use]
+pub fn share_within(disparity_px: &[f32], truth_px: &[f32], chosen: &[bool], bound_px: f32) -> f64 {
+    assert_eq!(disparity_px.len(), truth_px.len(), "one disparity a true one");
+    assert_eq!(chosen.len(), truth_px.len(), "one choice a true disparity");
+    let (mut total, mut within) = (0_u32, 0_u32);
+    for ((&got, &truth), &chosen) in disparity_px.iter().zip(truth_px).zip(chosen) {
+        if chosen && truth > 0.0 {
+            total += 1;
+            within += u32::from(got > 0.0 && (got - truth).abs() < bound_px);
+        }
+    }
+    100.0 * f64::from(within) / f64::from(total.max(1))
+}
+
 /// The mean of several scenes' scores; zeros for none.
 #[must_use]
 pub fn mean(scores: &[Score]) -> Score {
@@ -146,7 +165,7 @@ impl Tally {
 
 #[cfg(test)]
 mod tests {
-    use super::{Accuracy, high_gradient, mean, score};
+    use super::{Accuracy, high_gradient, mean, score, share_within};
     use crate::gray::GrayImage;
 
     fn step_edge() -> GrayImage {
@@ -227,6 +246,15 @@ mod tests {
         {
             assert!((got - expected).abs() < 1e-5, "{got} for {expected}");
         }
+    }
+
+    #[test]
+    fn a_share_counts_the_chosen_pixels_with_truth_only() {
+        let got = [5.4, 9.0, f32::NAN, 5.0, 5.0];
+        let truth = [5.0, 5.0, 5.0, 5.0, 0.0];
+        let share = share_within(&got, &truth, &[true, true, true, false, true], 0.5);
+        assert!((share - 100.0 / 3.0).abs() < 1e-9, "{share}");
+        assert_eq!(share_within(&got, &truth, &[false; 5], 0.5), 0.0);
     }
 
     #[test]
