@@ -10,12 +10,13 @@ use stereo_tests::score::{Score, mean};
 use crate::chart::{self, Axes, Line};
 use crate::contest::{Turns, compete};
 use crate::method::{Contestant, Method, ladder_length};
+use crate::printed;
 use crate::source::{DISPARITIES, Document, ETH3D, KITTI, MIDDLEBURY, Source};
 use crate::table::{Row, Table};
 
 /// The border of the confident subset.
 const CONFIDENT: f32 = 0.5;
-const PEERS: [&str; 3] = ["sgbm", "3way", "bm"];
+pub(crate) const PEERS: [&str; 3] = ["sgbm", "3way", "bm"];
 
 /// The rungs that tables show, preset by preset.
 pub(crate) fn methods() -> Vec<Method> {
@@ -53,6 +54,7 @@ pub(crate) fn run(source: &Source) -> Result<()> {
         )?;
         if name == "accuracy-kitti" {
             source.publish(Document::Readme, "eval", &short(&table))?;
+            source.publish(Document::Figures, "paper", &printed::accuracy(&table))?;
             source.publish_picture("accuracy_over_time.svg", &picture(&table)?)?;
         }
     }

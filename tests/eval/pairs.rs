@@ -5,12 +5,29 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail};
 use image::imageops::{FilterType, resize};
 use image::{ImageBuffer, Luma};
-use stereo_tests::dataset::find_scenes;
+use stereo_tests::dataset::{LoadedScene, find_scenes};
 use stereo_tests::gray::GrayImage;
 use stereo_tests::registry_pair::RegistryPair;
+use stereo_tests::truth::TruthMap;
+
+use crate::method::Views;
 
 /// Name of the registry's pair.
 pub(crate) const MOTORCYCLE: &str = "motorcycle";
+
+/// The sizes of the paper's table IV, and KITTI's.
+pub(crate) const SIZES: [Size; 5] = [
+    Size::new(320, 240),
+    VGA,
+    Size::new(800, 600),
+    HD,
+    Size::new(1920, 1080),
+];
+pub(crate) const VGA: Size = Size::new(640, 480);
+pub(crate) const HD: Size = Size::new(1280, 720);
+
+/// A KITTI pair of 1241x376 px.
+const KITTI_SCENE: &str = "kitti2012/000002";
 
 /// Gray views, as the server reads them.
 pub(crate) struct Pair {
@@ -23,6 +40,12 @@ pub(crate) struct Pair {
 pub(crate) struct Size {
     pub(crate) width_px: usize,
     pub(crate) height_px: usize,
+}
+
+impl Size {
+    const fn new(width_px: usize, height_px: usize) -> Self {
+        Self { width_px, height_px }
+    }
 }
 
 impl std::str::FromStr for Size {
@@ -67,6 +90,33 @@ impl Pair {
         Ok(Self { left, right })
     }
 
+    /// The motorcycle in the sizes asked for, then a KITTI pair in its own, each with a name.
+    pub(crate) fn standard(data: &Path, sizes: &[Size]) -> Result<Vec<(String, Self)>> {
+        let motorcycle = Self::load(data, MOTORCYCLE)?;
+        let mut pairs = Vec::new();
+        for &size in sizes {
+            pairs.push((size.to_string(), motorcycle.resized(size)?));
+        }
+        let kitti = Self::load(data, KITTI_SCENE)?;
+        pairs.push((format!("{} (KITTI)", kitti.size()), kitti));
+        Ok(pairs)
+    }
+
+    /// The pair for contestants: without ground truth.
+    pub(crate) fn views(self, name: &str) -> Result<Views> {
+        let Size { width_px, height_px } = self.size();
+        let truth = TruthMap::new(width_px, height_px, vec![0.0; width_px * height_px])?;
+        Ok(Views {
+            name: name.to_owned(),
+            served: (self.left.clone(), self.right.clone()),
+            scored: LoadedScene {
+                left: self.left,
+                right: self.right,
+                truth,
+            },
+        })
+    }
+
     pub(crate) fn size(&self) -> Size {
         Size {
             width_px: self.left.width_px(),
@@ -83,7 +133,8 @@ impl Pair {
     }
 }
 
-fn resized(gray: &GrayImage, size: Size) -> Result<GrayImage> {
+/// A gray image in another size.
+pub(crate) fn resized(gray: &GrayImage, size: Size) -> Result<GrayImage> {
     let side = |px: usize| u32::try_from(px).context("an image of over 4 billion columns");
     let (width, height) = (side(gray.width_px())?, side(gray.height_px())?);
     let image: ImageBuffer<Luma<u8>, &[u8]> =

@@ -50,6 +50,12 @@ pub(crate) const ETH3D: DataSet = DataSet {
     start: "eth3d",
 };
 
+/// One scene of Middlebury.
+pub(crate) const MOTORCYCLE: DataSet = DataSet {
+    title: "Middlebury's motorcycle",
+    start: "middlebury2014/motorcycle",
+};
+
 /// Disparities searched where nothing else is said.
 pub(crate) const DISPARITIES: u16 = 128;
 

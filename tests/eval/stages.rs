@@ -1,13 +1,12 @@
 //! `cargo eval stages`: where the time of a frame goes, by rung and stage.
 
 use std::fmt::Write as _;
-use std::time::Instant;
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use clap::Args as Options;
-use stereo::{DisparityMap, Level, Matcher, Params, Preset, Progress, Serial, Shape, StereoPair, rung_names};
-use stereo_tests::gray::GrayImage;
+use stereo::{Level, Params};
 
+use crate::frame::Frame;
 use crate::method::{level, preset};
 use crate::pairs::{MOTORCYCLE, Pair, Size};
 use crate::source::Source;
@@ -57,7 +56,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
                     params.range.count = args.num_disparities;
                     let frame = Frame::fastest(level, &pair, &params, args.repeat)?;
                     println!("{scene} {size}, preset {name}, {}\n", level.name());
-                    println!("{}", frame.markdown(size));
+                    println!("{}", markdown(&frame, size));
                 }
             }
         }
@@ -73,167 +72,56 @@ fn levels(names: &[String]) -> Result<Vec<Level>> {
     names.iter().map(|name| level(name)).collect()
 }
 
-/// What one stage of the way to one rung took.
-#[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Stage {
-    pub(crate) rung: &'static str,
-    pub(crate) name: &'static str,
-    /// All its steps together.
-    pub(crate) ms: f64,
-    pub(crate) steps: u32,
-    /// The longest of its steps.
-    pub(crate) longest_ms: f64,
-}
-
-/// The stages of a whole ladder, in the order in which they are first met.
-#[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Frame {
-    pub(crate) stages: Vec<Stage>,
-    /// Time of the fastest frame.
-    pub(crate) ms: f64,
-}
-
-impl Frame {
-    /// Every stage's fastest, of `repeat` frames after a first one that isn't counted.
-    pub(crate) fn fastest(level: Level, pair: &Pair, params: &Params, repeat: u32) -> Result<Self> {
-        let shape = Shape::new(pair.left.width_px(), pair.left.height_px())?;
-        let mut matcher = Matcher::new(level, shape, params.clone())?;
-        let mut map = DisparityMap::new(shape);
-        let pair = (&pair.left, &pair.right);
-        one_frame(&mut matcher, &mut map, pair, params.preset)?;
-        let mut best = one_frame(&mut matcher, &mut map, pair, params.preset)?;
-        for _ in 1..repeat {
-            best.take_faster(&one_frame(&mut matcher, &mut map, pair, params.preset)?);
-        }
-        Ok(best)
-    }
-
-    fn take_faster(&mut self, other: &Self) {
-        self.ms = self.ms.min(other.ms);
-        for (stage, again) in self.stages.iter_mut().zip(&other.stages) {
-            stage.ms = stage.ms.min(again.ms);
-            stage.longest_ms = stage.longest_ms.min(again.longest_ms);
-        }
-    }
-
-    fn add(&mut self, rung: &'static str, name: &'static str, ms: f64) {
-        let known = self
-            .stages
-            .iter_mut()
-            .rev()
-            .find(|s| s.rung == rung && s.name == name);
-        if let Some(stage) = known {
-            stage.ms += ms;
-            stage.steps += 1;
-            stage.longest_ms = stage.longest_ms.max(ms);
-        } else {
-            self.stages.push(Stage {
-                rung,
-                name,
-                ms,
-                steps: 1,
-                longest_ms: ms,
-            });
-        }
-    }
-
-    fn markdown(&self, size: Size) -> String {
-        let pixels = (size.width_px * size.height_px) as f64;
-        let sum: f64 = self.stages.iter().map(|stage| stage.ms).sum();
-        let mut text = String::from(
-            "| rung | stage | ms | % | ns/px | steps | longest step, ms |\n|---|---|---|---|---|---|---|\n",
-        );
-        for stage in &self.stages {
-            writeln!(
-                text,
-                "| {} | {} | {:.3} | {:.1} | {:.2} | {} | {:.3} |",
-                stage.rung,
-                stage.name,
-                stage.ms,
-                100.0 * stage.ms / sum,
-                1e6 * stage.ms / pixels,
-                stage.steps,
-                stage.longest_ms
-            )
-            .expect("a String takes everything");
-        }
+fn markdown(frame: &Frame, size: Size) -> String {
+    let pixels = (size.width_px * size.height_px) as f64;
+    let stages = frame.stages();
+    let sum: f64 = stages.iter().map(|stage| stage.ms).sum();
+    let mut text = String::from(
+        "| rung | stage | ms | % | ns/px | steps | longest step, ms |\n|---|---|---|---|---|---|---|\n",
+    );
+    for stage in &stages {
         writeln!(
             text,
-            "| all | | {sum:.3} | 100 | {:.2} | | fastest whole frame {:.3} |",
-            1e6 * sum / pixels,
-            self.ms
+            "| {} | {} | {:.3} | {:.1} | {:.2} | {} | {:.3} |",
+            stage.rung,
+            stage.name,
+            stage.ms,
+            100.0 * stage.ms / sum,
+            1e6 * stage.ms / pixels,
+            stage.steps,
+            stage.longest_ms
         )
         .expect("a String takes everything");
-        text
     }
-}
-
-/// One frame through the whole ladder, by the clock.
-fn one_frame(
-    matcher: &mut Matcher,
-    map: &mut DisparityMap,
-    (left, right): (&GrayImage, &GrayImage),
-    preset: Preset,
-) -> Result<Frame> {
-    let rungs = rung_names(preset);
-    let pair = StereoPair::new(left.view(), right.view())?;
-    let mut frame = Frame {
-        stages: Vec::new(),
-        ms: 0.0,
-    };
-    let start = Instant::now();
-    let mut last = start;
-    let mut since_last = || {
-        let now = Instant::now();
-        let ms = 1e3 * (now - last).as_secs_f64();
-        last = now;
-        ms
-    };
-    let mut progress = matcher.base_by_stage(pair, map, &Serial, &mut |stage| {
-        frame.add(rungs[0], stage, since_last());
-    })?;
-    let mut rung = 0;
-    loop {
-        match progress {
-            Progress::Working => {}
-            Progress::Improved(_) => rung += 1,
-            Progress::Converged(_) => break,
-        }
-        let name = rungs.get(rung).context("no more rungs than names")?;
-        let stage = matcher.next_stage();
-        progress = matcher.refine(pair, map, &Serial);
-        frame.add(name, stage, since_last());
-    }
-    frame.ms = 1e3 * start.elapsed().as_secs_f64();
-    Ok(frame)
+    writeln!(
+        text,
+        "| all | | {sum:.3} | 100 | {:.2} | | fastest whole frame {:.3} |",
+        1e6 * sum / pixels,
+        frame.ms
+    )
+    .expect("a String takes everything");
+    text
 }
 
 #[cfg(test)]
 mod tests {
-    use super::{Frame, Stage};
+    use super::markdown;
+    use crate::frame::{Frame, Step};
 
     #[test]
-    fn steps_of_a_stage_add_up_and_the_longest_is_kept() {
-        let mut frame = Frame {
-            stages: Vec::new(),
+    fn a_stage_has_its_share_of_the_frame_and_its_time_a_pixel() {
+        let step = |stage, ms| Step {
+            rung: "mesh",
+            stage,
+            ms,
+        };
+        let frame = Frame {
+            base: vec![step("search", 1.0), step("search", 3.0), step("publish", 2.0)],
+            refine: Vec::new(),
             ms: 7.0,
         };
-        frame.add("mesh", "search", 1.0);
-        frame.add("mesh", "search", 3.0);
-        frame.add("half", "search", 2.0);
-        let search = Stage {
-            rung: "mesh",
-            name: "search",
-            ms: 4.0,
-            steps: 2,
-            longest_ms: 3.0,
-        };
-        assert_eq!(frame.stages[0], search);
-        assert_eq!(frame.stages.len(), 2);
-        let text = frame.markdown("100x10".parse().expect("a size"));
-        assert!(
-            text.contains("| mesh | search | 4.000 | 66.7 | 4000.00 | 2 | 3.000 |"),
-            "{text}"
-        );
+        let text = markdown(&frame, "100x10".parse().expect("a size"));
+        let search = "| mesh | search | 4.000 | 66.7 | 4000.00 | 2 | 3.000 |";
+        assert!(text.contains(search), "{text}");
     }
 }

@@ -17,6 +17,8 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail, ensure};
 use stereod::decode::Side;
 
+pub use self::served::decoded;
+
 use crate::gray::GrayImage;
 use crate::truth::TruthMap;
 

@@ -101,13 +101,30 @@ impl GrayImage {
     /// # Errors
     /// If the encoder fails, which it does on images over its own limits only.
     pub fn to_png(&self) -> Result<Vec<u8>> {
+        self.encoded(&self.pixels, image::ExtendedColorType::L8)
+    }
+
+    /// The image as a PNG file of 16 bits, every gray value times `factor`, at most 65,535.
+    ///
+    /// # Errors
+    /// As [`Self::to_png`].
+    pub fn to_png16(&self, factor: u16) -> Result<Vec<u8>> {
+        let values = self
+            .pixels
+            .iter()
+            .map(|&gray| u16::from(gray).saturating_mul(factor));
+        let bytes: Vec<u8> = values.flat_map(u16::to_ne_bytes).collect();
+        self.encoded(&bytes, image::ExtendedColorType::L16)
+    }
+
+    fn encoded(&self, bytes: &[u8], color: image::ExtendedColorType) -> Result<Vec<u8>> {
         let mut png = Vec::new();
         image::write_buffer_with_format(
             &mut std::io::Cursor::new(&mut png),
-            &self.pixels,
+            bytes,
             u32::try_from(self.width_px)?,
             u32::try_from(self.height_px)?,
-            image::ExtendedColorType::L8,
+            color,
             image::ImageFormat::Png,
         )?;
         Ok(png)
@@ -132,7 +149,18 @@ fn high_byte(value: u16) -> u8 {
 
 #[cfg(test)]
 mod tests {
-    use super::{luma8, luma16};
+    use super::{GrayImage, luma8, luma16};
+
+    #[test]
+    fn a_16_bit_file_holds_the_gray_values_times_the_factor() {
+        let image = GrayImage::new(3, 1, vec![0, 17, 255]).expect("3 x 1");
+        for (factor, high_bytes) in [(257, [0, 17, 255]), (16, [0, 1, 15])] {
+            let png = image.to_png16(factor).expect("a PNG file");
+            let read = image::load_from_memory(&png).expect("a PNG file");
+            let read = GrayImage::from_dynamic(&read).expect("gray");
+            assert_eq!(read.pixels(), high_bytes, "{factor}");
+        }
+    }
 
     #[test]
     fn gray_of_colour_is_what_opencv_reads() {

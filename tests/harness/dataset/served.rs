@@ -9,9 +9,15 @@ use stereod::job::ImageData;
 use crate::gray::GrayImage;
 
 pub(super) fn read(side: Side, path: &Path) -> Result<GrayImage> {
-    let file = super::read(path)?;
-    let (encoding, width_px, height_px) =
-        inspect(side, &file).with_context(|| format!("can't decode {}", path.display()))?;
+    decoded(side, super::read(path)?).with_context(|| format!("can't decode {}", path.display()))
+}
+
+/// A PNG or JPEG file in memory as the server reads it.
+///
+/// # Errors
+/// If it can't be decoded.
+pub fn decoded(side: Side, file: Vec<u8>) -> Result<GrayImage> {
+    let (encoding, width_px, height_px) = inspect(side, &file)?;
     let image = ImageData {
         encoding,
         width_px,
@@ -21,8 +27,7 @@ pub(super) fn read(side: Side, path: &Path) -> Result<GrayImage> {
         data: file.into(),
     };
     let mut scratch = GrayScratch::default();
-    let view =
-        gray(side, &image, &mut scratch).with_context(|| format!("can't decode {}", path.display()))?;
+    let view = gray(side, &image, &mut scratch)?;
     let pixels = (0..view.height_px()).flat_map(|y| view.row(y)).copied().collect();
     GrayImage::new(view.width_px(), view.height_px(), pixels)
 }
