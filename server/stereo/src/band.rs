@@ -84,6 +84,8 @@ impl Band {
         self.cost.resize(pixels * LABELS, 0);
         self.sum.resize(pixels * LABELS, 0);
         let scratch = &mut self.scratch;
+        // The pixel after a row is never written: of a longer row it would hold distances.
+        scratch.row.clear();
         scratch.row.resize((self.pitch + 2) * LABELS, 0);
         scratch.ring.resize(3 * self.pitch * LABELS, 0);
         for row in [&mut scratch.path, &mut scratch.best] {

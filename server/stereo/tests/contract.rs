@@ -306,6 +306,22 @@ fn a_used_matcher_answers_like_a_new_one() {
     }
 }
 
+#[test]
+fn a_matcher_made_smaller_answers_like_a_new_one() {
+    let large = Pair::with_disparity(300, 120, |y| 5 + i64::from(y > 30) * 20);
+    // Any padding of rows, at every resolution.
+    for width in 200..216 {
+        let small = Pair::with_disparity(width, 90, |y| 9 + i64::from(y > 40) * 22);
+        for params in [Params::default(), Params::fast()] {
+            let fresh = climb(&mut matcher(small.shape(), params.clone()), &small, &Serial);
+            let mut used = matcher(large.shape(), params.clone());
+            climb(&mut used, &large, &Serial);
+            used.reconfigure(small.shape(), params).unwrap();
+            assert_eq!(climb(&mut used, &small, &Serial), fresh, "{width} columns");
+        }
+    }
+}
+
 /// Runs pieces backwards on scoped threads.
 struct ThreeThreads;
 
