@@ -5,6 +5,8 @@
 //! plain loops over bytes. The right view's planes are stored mirrored: the pixel at column `x` is at `width - 1 - x`, so
 //! that candidates of growing disparity, `x - d`, lie one after another.
 
+use std::ops::Range;
+
 use crate::plane::Plane;
 use crate::simd::{Kernel, Lanes, Level};
 
@@ -105,39 +107,30 @@ impl Census {
     }
 
     /// All codes of `image`; `inside` are the columns of its rows (margins counted) that exist in the view.
-    pub(crate) fn compute(
+    pub(crate) fn compute(&mut self, level: Level, pattern: Pattern, image: &Plane, inside: Range<usize>) {
+        self.compute_rows(level, pattern, image, inside, 0..image.height());
+    }
+
+    /// The codes of some rows.
+    pub(crate) fn compute_rows(
         &mut self,
         level: Level,
         pattern: Pattern,
         image: &Plane,
-        inside: std::ops::Range<usize>,
+        inside: Range<usize>,
+        rows: Range<usize>,
     ) {
-        let stride = image.stride();
-        let columns = inside.start.max(REACH_PX)..inside.end.min(stride - REACH_PX);
+        let columns = inside.start.max(REACH_PX)..inside.end.min(image.stride() - REACH_PX);
         if columns.is_empty() {
             return;
         }
-        for (plane, neighbours) in self.planes.iter_mut().zip(pattern.planes()) {
-            for y in 0..image.height() {
-                let row = plane.row_mut(y);
-                let range = if self.mirrored {
-                    stride - columns.end..stride - columns.start
-                } else {
-                    columns.clone()
-                };
-                let codes = &mut row[range];
-                level.run(CensusRow {
-                    image,
-                    y,
-                    columns: columns.clone(),
-                    neighbours,
-                    codes,
-                });
-                if self.mirrored {
-                    codes.reverse();
-                }
-            }
-        }
+        level.run(CensusRows {
+            census: self,
+            pattern,
+            image,
+            columns,
+            rows,
+        });
     }
 
     /// The planes, each of the same shape.
@@ -152,37 +145,72 @@ impl Census {
     }
 }
 
-/// One byte of codes for the columns `columns` of row `y`.
-struct CensusRow<'a> {
+struct CensusRows<'a> {
+    census: &'a mut Census,
+    pattern: Pattern,
     image: &'a Plane,
-    y: usize,
-    columns: std::ops::Range<usize>,
-    neighbours: &'a Neighbours,
-    codes: &'a mut [u8],
+    columns: Range<usize>,
+    rows: Range<usize>,
 }
 
-impl Kernel for CensusRow<'_> {
+impl Kernel for CensusRows<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn run<L: Lanes>(self, _: L) {
+    fn run<L: Lanes>(self, lanes: L) {
         let Self {
+            census,
+            pattern,
             image,
-            y,
             columns,
-            neighbours,
-            codes,
+            rows,
         } = self;
-        let count = columns.len();
-        let centre = &image.row(y, 0)[columns.clone()];
-        let others = neighbours.map(|(dx, dy)| {
-            let from = columns.start.wrapping_add_signed(isize::from(dx));
-            &image.row(y, dy)[from..from + count]
-        });
-        let codes = &mut codes[..count];
-        for i in 0..count {
-            let bit = |k: usize| u8::from(others[k][i] > centre[i]) << k;
-            codes[i] = bit(0) | bit(1) | bit(2) | bit(3) | bit(4) | bit(5) | bit(6) | bit(7);
+        let stride = image.stride();
+        let (mirrored, count) = (census.mirrored, columns.len());
+        let first = if mirrored {
+            stride - columns.end
+        } else {
+            columns.start
+        };
+        for y in rows {
+            let centre = &image.row(y, 0)[columns.clone()];
+            for (plane, neighbours) in census.planes.iter_mut().zip(pattern.planes()) {
+                let mut others = [centre; 8];
+                for (other, &(dx, dy)) in others.iter_mut().zip(neighbours) {
+                    let from = columns.start.wrapping_add_signed(isize::from(dx));
+                    *other = &image.row(y, dy)[from..from + count];
+                }
+                let codes = &mut plane.row_mut(y)[first..first + count];
+                codes_of_row(lanes, centre, &others, mirrored, codes);
+            }
+        }
+    }
+}
+
+/// One byte of codes for every pixel of `centre`.
+#[inline(always)]
+fn codes_of_row<L: Lanes>(lanes: L, centre: &[u8], others: &[&[u8]; 8], mirrored: bool, codes: &mut [u8]) {
+    let count = centre.len();
+    if count < L::BYTES {
+        for x in 0..count {
+            let bit = |k: usize| u8::from(others[k][x] > centre[x]) << k;
+            let at = if mirrored { count - 1 - x } else { x };
+            codes[at] = (0..8).map(bit).sum();
+        }
+        return;
+    }
+    // The last vector overlaps the one before where the row is no multiple.
+    for block in 0..count.div_ceil(L::BYTES) {
+        let x = (block * L::BYTES).min(count - L::BYTES);
+        let here = lanes.load(&centre[x..]);
+        let mut code = lanes.splat(0);
+        for (k, other) in others.iter().enumerate() {
+            code = lanes.add_where_more(code, 1 << k, lanes.load(&other[x..]), here);
+        }
+        if mirrored {
+            lanes.store(lanes.reverse(code), &mut codes[count - L::BYTES - x..]);
+        } else {
+            lanes.store(code, &mut codes[x..]);
         }
     }
 }

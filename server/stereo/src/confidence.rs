@@ -41,29 +41,11 @@ impl CostScale {
     }
 
     /// Confidences of validated pixels by their costs.
-    pub(crate) fn rate(self, level: Level, costs: &[u8], confidence: &mut [u8]) {
-        level.run(FromCosts {
-            scale: self,
-            costs,
-            confidence,
-        });
-    }
-}
-
-struct FromCosts<'a> {
-    scale: CostScale,
-    costs: &'a [u8],
-    confidence: &'a mut [u8],
-}
-
-impl Kernel for FromCosts<'_> {
-    type Output = ();
-
     #[inline(always)]
-    fn run<L: Lanes>(self, _: L) {
-        let (steep, flat) = self.scale.slopes();
-        let (half_at, valid_up_to) = (u16::from(self.scale.half_at), u16::from(self.scale.valid_up_to));
-        for (confidence, cost) in self.confidence.iter_mut().zip(self.costs) {
+    pub(crate) fn rate(self, costs: &[u8], confidence: &mut [u8]) {
+        let (steep, flat) = self.slopes();
+        let (half_at, valid_up_to) = (u16::from(self.half_at), u16::from(self.valid_up_to));
+        for (confidence, cost) in confidence.iter_mut().zip(costs) {
             *confidence = from_cost(u16::from(*cost), (half_at, steep), (valid_up_to, flat));
         }
     }
@@ -136,7 +118,6 @@ impl Kernel for Dense<'_> {
 #[cfg(test)]
 mod tests {
     use super::{CostScale, at};
-    use crate::simd::Level;
 
     #[test]
     fn confidence_falls_from_254_over_half_to_next_to_nothing_and_then_0() {
@@ -146,7 +127,7 @@ mod tests {
             half_at: 75,
             valid_up_to: 125,
         }
-        .rate(Level::SCALAR, &costs, &mut confidence);
+        .rate(&costs, &mut confidence);
         assert_eq!([0, 126, 255].map(|cost| confidence[cost]), [254, 0, 0]);
         assert!((1..=4).contains(&confidence[125]), "{}", confidence[125]);
         assert!(confidence[75] >= 127 && confidence[76] <= 127);

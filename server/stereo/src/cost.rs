@@ -9,14 +9,16 @@
 //! surfaces cost nothing, and the neighbours' words can be summed by running sums over rows and columns. Every pixel is
 //! evaluated, not the mask's alone: that is cheaper than picking, and the dense output needs it.
 
+use std::ops::Range;
+
 use crate::census::Census;
 use crate::disparity::FIXED_PER_PX;
-use crate::simd::{Kernel, Lanes, Level};
+use crate::simd::{Kernel, Lanes, Level, MOST_BYTES};
 
 /// Costs are scaled such that all bits differing is about this, whatever the window.
 pub(crate) const COST_OF_ALL_BITS: u8 = 250;
 
-/// Half the window's side: 5x5 or 7x7 pixels.
+/// The window's side: 5x5 or 7x7 pixels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Window {
     Side5,
@@ -30,14 +32,6 @@ impl Window {
             Self::Side7 => 3,
         }
     }
-
-    /// `sum * factor >> shift` takes a window's sum of 16-bit distances to the common scale of 0..=250.
-    fn scale(self) -> (u16, u32) {
-        match self {
-            Self::Side5 => (5, 3),
-            Self::Side7 => (41, 7),
-        }
-    }
 }
 
 /// Candidates a pixel: one less, as interpolated, one more.
@@ -45,13 +39,23 @@ const TESTED: usize = 3;
 /// Census planes of the pattern this kernel is for.
 const PLANES: usize = 2;
 
-/// Rows of scratch for one band.
+/// Rows of scratch for one area.
 #[derive(Debug, Default)]
 pub(crate) struct Scratch {
     /// Raw costs of the window's rows, a ring of rows; each holds the three candidates one after another.
     ring: Vec<u8>,
     /// Sums of the ring's rows.
-    columns: Vec<u8>,
+    sums: Vec<u8>,
+    /// Where the right words of a row's blocks are.
+    plan: Vec<Planned>,
+}
+
+/// Where a block of pixels finds its right words: pixel k at `first + which[k]` for the smallest of its three candidates.
+#[derive(Debug, Clone, Copy)]
+struct Planned {
+    /// `None` where the candidates differ too much for one table.
+    first: Option<usize>,
+    which: [u8; MOST_BYTES],
 }
 
 /// What is evaluated: one set of candidate disparities for the whole window.
@@ -75,46 +79,56 @@ pub(crate) struct Best<'a> {
 }
 
 impl Evaluation<'_> {
-    /// Evaluates rows `first_row..` as far as `best` reaches, and keeps what is better than `best`.
-    pub(crate) fn update(&self, first_row: usize, best: &mut Best<'_>, scratch: &mut Scratch) {
-        self.level.run(Rows {
+    /// Evaluates `columns` of the rows from `first_row` as far as `best` reaches, and keeps what is better than `best`.
+    pub(crate) fn update(
+        &self,
+        first_row: usize,
+        columns: Range<usize>,
+        best: &mut Best<'_>,
+        scratch: &mut Scratch,
+    ) {
+        // Less than a vector would be evaluated one by one.
+        let columns = columns.start.min(self.width.saturating_sub(MOST_BYTES))..columns.end;
+        self.level.run(Area {
             evaluation: self,
             first_row,
+            columns,
             best,
             scratch,
-            finish: keep_better,
+            finish: KeepBetter(self.window),
         });
     }
 
-    /// Evaluates the same rows, and replaces `best` by the candidates corrected by up to a pixel, below a pixel: the
+    /// Evaluates the same rows whole, and replaces `best` by the candidates corrected by up to a pixel, below a pixel: the
     /// better a candidate is in itself, the more the images must speak for another disparity.
     pub(crate) fn correct(&self, first_row: usize, best: &mut Best<'_>, scratch: &mut Scratch) {
-        self.level.run(Rows {
+        self.level.run(Area {
             evaluation: self,
             first_row,
+            columns: 0..self.width,
             best,
             scratch,
-            finish: correct,
+            finish: Correct,
         });
     }
 }
 
-/// Sums of the three candidates for a block of pixels.
-type Sums = [[u16; BLOCK]; TESTED];
+/// What is made of the sums of the three candidates.
+trait Finish: Copy {
+    /// One row: `sums[k]` holds the sums over the window's rows of candidate k, from `radius` columns before the first.
+    fn finish<L: Lanes>(self, lanes: L, sums: [&[u8]; TESTED], candidates: &[u16], best: Best<'_>);
+}
 
-struct Rows<'a, 'b, F> {
+struct Area<'a, 'b, F> {
     evaluation: &'a Evaluation<'a>,
     first_row: usize,
+    columns: Range<usize>,
     best: &'a mut Best<'b>,
     scratch: &'a mut Scratch,
-    /// (sums, scale, candidates, disparities, costs)
     finish: F,
 }
 
-impl<F> Kernel for Rows<'_, '_, F>
-where
-    F: Fn(&Sums, (u16, u32), &[u16; BLOCK], &mut [u16; BLOCK], &mut [u8; BLOCK]),
-{
+impl<F: Finish> Kernel for Area<'_, '_, F> {
     type Output = ();
 
     #[inline(always)]
@@ -122,80 +136,91 @@ where
         let Self {
             evaluation,
             first_row,
+            columns,
             best,
             scratch,
             finish,
         } = self;
         let (width, radius) = (evaluation.width, evaluation.window.radius());
         let side = 2 * radius + 1;
-        // A margin of `radius` on both sides repeats the border's costs.
-        let padded = width + 2 * radius;
+        // The window reaches beyond the columns; vectors that start within them do so by up to a vector more.
+        let pitch = columns.len() + 2 * radius + MOST_BYTES;
         scratch.ring.clear();
-        scratch.ring.resize(side * TESTED * padded, 0);
-        scratch.columns.clear();
-        scratch.columns.resize(TESTED * padded, 0);
+        scratch.ring.resize(side * TESTED * pitch, 0);
+        scratch.sums.clear();
+        scratch.sums.resize(TESTED * pitch, 0);
+        let nothing = Planned {
+            first: None,
+            which: [0; MOST_BYTES],
+        };
+        scratch.plan.resize(pitch.div_ceil(L::BYTES), nothing);
         let rows = best.disparity.len() / width;
+        // Above and below the image its border rows repeat.
         let clamp = |row: usize| row.saturating_sub(radius).min(evaluation.height - 1);
-        for k in 0..side - 1 {
-            evaluation.enter_row(lanes, clamp(first_row + k), k, padded, scratch);
-        }
-        for row in 0..rows {
+        for row in 0..rows + side - 1 {
+            let ring = &mut scratch.ring[row % side * TESTED * pitch..][..TESTED * pitch];
             evaluation.enter_row(
                 lanes,
-                clamp(first_row + row + side - 1),
-                (row + side - 1) % side,
-                padded,
-                scratch,
+                clamp(first_row + row),
+                &columns,
+                ring,
+                (&mut scratch.sums, &mut scratch.plan),
             );
-            let span = row * width..(row + 1) * width;
-            let candidates = &evaluation.candidates[(first_row + row) * width..][..width];
-            let (disparity, cost) = (&mut best.disparity[span.clone()], &mut best.cost[span]);
-            // The last block overlaps the one before where the width is no multiple; finishing twice changes nothing.
-            let starts = (0..width / BLOCK).map(|block| block * BLOCK);
-            for x in starts.chain((!width.is_multiple_of(BLOCK)).then(|| width - BLOCK)) {
-                let sums = match evaluation.window {
-                    Window::Side5 => sums::<5>(&scratch.columns, padded, x),
-                    Window::Side7 => sums::<7>(&scratch.columns, padded, x),
-                };
-                let (mut disparities, mut costs) = (block(disparity, x), block(cost, x));
-                finish(
-                    &sums,
-                    evaluation.window.scale(),
-                    &block(candidates, x),
-                    &mut disparities,
-                    &mut costs,
-                );
-                disparity[x..x + BLOCK].copy_from_slice(&disparities);
-                cost[x..x + BLOCK].copy_from_slice(&costs);
-            }
+            let Some(row) = row.checked_sub(side - 1) else {
+                continue;
+            };
+            let (less, rest) = scratch.sums.split_at(pitch);
+            let (same, more) = rest.split_at(pitch);
+            let span = row * width + columns.start..row * width + columns.end;
+            let best = Best {
+                disparity: &mut best.disparity[span.clone()],
+                cost: &mut best.cost[span],
+            };
+            let candidates = &evaluation.candidates[(first_row + row) * width..][columns.clone()];
+            finish.finish(lanes, [less, same, more], candidates, best);
         }
     }
 }
 
 impl Evaluation<'_> {
-    /// Replaces slot `slot` of the ring by the raw costs of row `y`, and brings the column sums up to date.
+    /// Replaces a slot of the ring by the raw costs of row `y`, and brings the sums up to date.
     #[inline(always)]
-    fn enter_row<L: Lanes>(&self, lanes: L, y: usize, slot: usize, padded: usize, scratch: &mut Scratch) {
+    fn enter_row<L: Lanes>(
+        &self,
+        lanes: L,
+        y: usize,
+        columns: &Range<usize>,
+        ring: &mut [u8],
+        (sums, plan): (&mut [u8], &mut [Planned]),
+    ) {
         let (width, radius) = (self.width, self.window.radius());
-        let row = &mut scratch.ring[slot * TESTED * padded..][..TESTED * padded];
-        for (sum, cost) in scratch.columns.iter_mut().zip(&*row) {
-            *sum -= cost;
-        }
+        let pitch = ring.len() / TESTED;
         let (left, right) = (self.left.planes(), self.right.planes());
         let words = Words {
-            left: [0, 1].map(|p| &left[p].row(y, 0)[self.left.index(0)..][..width]),
-            right: [0, 1].map(|p| right[p].row(y, 0)),
+            left: [
+                &left[0].row(y, 0)[self.left.index(0)..][..width],
+                &left[1].row(y, 0)[self.left.index(0)..][..width],
+            ],
+            right: [right[0].row(y, 0), right[1].row(y, 0)],
             at: self.right.index(0),
             candidates: &self.candidates[y * width..][..width],
         };
-        words.raw_costs(lanes, row, padded, radius);
-        for costs in row.chunks_exact_mut(padded) {
-            let (first, last) = (costs[radius], costs[radius + width - 1]);
-            costs[..radius].fill(first);
-            costs[radius + width..].fill(last);
-        }
-        for (sum, cost) in scratch.columns.iter_mut().zip(&*row) {
-            *sum += cost;
+        let needed = columns.start.saturating_sub(radius)..(columns.end + radius).min(width);
+        let margin = needed.start + radius - columns.start;
+        let end = margin + needed.len();
+        let entry = Entry {
+            ring,
+            sums,
+            plan,
+            pitch,
+            margin,
+        };
+        words.enter(lanes, needed, entry);
+        // Beyond the image its border columns repeat.
+        for sums in sums.chunks_exact_mut(pitch) {
+            let (first, last) = (sums[margin], sums[end - 1]);
+            sums[..margin].fill(first);
+            sums[end..end + radius].fill(last);
         }
     }
 }
@@ -209,77 +234,102 @@ struct Words<'a> {
     candidates: &'a [u16],
 }
 
-/// The widest vector.
-const MOST_BYTES: usize = 64;
+/// Where a row's raw costs go: candidate k's at `k * pitch + margin` and on.
+struct Entry<'a> {
+    /// Holds the row that leaves the window, then this one.
+    ring: &'a mut [u8],
+    sums: &'a mut [u8],
+    plan: &'a mut [Planned],
+    pitch: usize,
+    margin: usize,
+}
 
 impl Words<'_> {
-    /// Hamming distances (0..=16) at d - 1, d and d + 1, d = candidate rounded, to `costs`: a row of `padded` for each,
-    /// starting at `margin`.
+    /// Hamming distances (0..=16) of `columns` at d - 1, d and d + 1, d = candidate rounded.
     ///
     /// Neighbours' right words lie close together: where a block's candidates differ little, all of them come from one
     /// table of consecutive words.
     #[inline(always)]
-    fn raw_costs<L: Lanes>(&self, lanes: L, costs: &mut [u8], padded: usize, margin: usize) {
-        let width = self.candidates.len();
-        if width < L::BYTES {
-            self.raw_costs_one_by_one(0..width, costs, padded, margin);
+    fn enter<L: Lanes>(&self, lanes: L, columns: Range<usize>, entry: Entry<'_>) {
+        let (first, n) = (columns.start, columns.len());
+        if n < L::BYTES {
+            let mut costs = [[0; MOST_BYTES]; TESTED];
+            self.one_by_one(columns, &mut costs);
+            for (step, costs) in costs.iter().enumerate() {
+                let at = step * entry.pitch + entry.margin;
+                for (k, cost) in costs[..n].iter().enumerate() {
+                    entry.sums[at + k] = entry.sums[at + k] - entry.ring[at + k] + cost;
+                    entry.ring[at + k] = *cost;
+                }
+            }
             return;
         }
-        let starts = (0..width / L::BYTES).map(|block| block * L::BYTES);
-        for x in starts.chain((!width.is_multiple_of(L::BYTES)).then(|| width - L::BYTES)) {
-            let mut nearest = [0; MOST_BYTES];
-            let (mut least, mut most) = (u8::MAX, 0);
-            for (nearest, candidate) in nearest[..L::BYTES]
-                .iter_mut()
-                .zip(&self.candidates[x..x + L::BYTES])
-            {
-                *nearest = rounded(*candidate);
-                least = least.min(*nearest);
-                most = most.max(*nearest);
-            }
-            if usize::from(most - least) > L::TABLE - L::BYTES - TESTED + 1 {
-                self.raw_costs_one_by_one(x..x + L::BYTES, costs, padded, margin);
-                continue;
-            }
-            // In the mirrored row a block runs from its last pixel to its first.
-            let mut which = [0; MOST_BYTES];
-            for (k, which) in which[..L::BYTES].iter_mut().enumerate() {
-                #[expect(clippy::cast_possible_truncation, reason = "below 64")]
-                let back = (L::BYTES - 1 - k) as u8;
-                *which = back + (nearest[k] - least);
-            }
-            let first = self.at - (x + L::BYTES - 1) + usize::from(least) - 1;
-            let mut which = lanes.load(&which);
-            for step in 0..TESTED {
-                let mut sum = lanes.splat(0);
-                for p in 0..PLANES {
-                    let words = lanes.lookup(&self.right[p][first..], which);
-                    sum = lanes.add(
-                        sum,
-                        lanes.count_ones(lanes.xor(words, lanes.load(&self.left[p][x..]))),
-                    );
-                }
-                lanes.store(sum, &mut costs[step * padded + margin + x..]);
-                which = lanes.add(which, lanes.splat(1));
+        // The last block overlaps the one before where the width is no multiple; entering twice changes nothing.
+        let offset = |block: usize| (block * L::BYTES).min(n - L::BYTES);
+        // First where to look for all blocks, then looking: else each would wait for its addresses.
+        for (block, planned) in entry.plan[..n.div_ceil(L::BYTES)].iter_mut().enumerate() {
+            self.plan(lanes, first + offset(block), planned);
+        }
+        for (block, planned) in entry.plan[..n.div_ceil(L::BYTES)].iter().enumerate() {
+            let offset = offset(block);
+            let costs = self.block(lanes, first + offset, planned);
+            for (step, cost) in costs.into_iter().enumerate() {
+                let at = step * entry.pitch + entry.margin + offset;
+                let (ring, sums) = (&mut entry.ring[at..], &mut entry.sums[at..]);
+                let others = lanes.sub(lanes.load(sums), lanes.load(ring));
+                lanes.store(lanes.add(others, cost), sums);
+                lanes.store(cost, ring);
             }
         }
     }
 
     #[inline(always)]
-    fn raw_costs_one_by_one(
-        &self,
-        columns: std::ops::Range<usize>,
-        costs: &mut [u8],
-        padded: usize,
-        margin: usize,
-    ) {
-        for x in columns {
+    fn plan<L: Lanes>(&self, lanes: L, x: usize, planned: &mut Planned) {
+        let candidates = &self.candidates[x..x + L::BYTES];
+        let (least, most) = lanes.least_and_most(candidates);
+        let (least, most) = (rounded(least), rounded(most));
+        // In the mirrored row a block runs from its last pixel to its first.
+        for (k, (which, candidate)) in planned.which[..L::BYTES].iter_mut().zip(candidates).enumerate() {
+            #[expect(clippy::cast_possible_truncation, reason = "below 64")]
+            let back = (L::BYTES - 1 - k) as u8;
+            *which = back.wrapping_add(rounded(*candidate) - least);
+        }
+        let fits = usize::from(most - least) <= L::TABLE - L::BYTES - TESTED + 1;
+        planned.first = fits.then_some(self.at - (x + L::BYTES - 1) + usize::from(least) - 1);
+    }
+
+    #[inline(always)]
+    fn block<L: Lanes>(&self, lanes: L, x: usize, planned: &Planned) -> [L::V; TESTED] {
+        let mut costs = [lanes.splat(0); TESTED];
+        let Some(first) = planned.first else {
+            let mut bytes = [[0; MOST_BYTES]; TESTED];
+            self.one_by_one(x..x + L::BYTES, &mut bytes);
+            for (cost, bytes) in costs.iter_mut().zip(&bytes) {
+                *cost = lanes.load(bytes);
+            }
+            return costs;
+        };
+        let mut which = lanes.load(&planned.which);
+        for cost in &mut costs {
+            for p in 0..PLANES {
+                let words = lanes.lookup(&self.right[p][first..], which);
+                let differing = lanes.xor(words, lanes.load(&self.left[p][x..]));
+                *cost = lanes.add(*cost, lanes.count_ones(differing));
+            }
+            which = lanes.add(which, lanes.splat(1));
+        }
+        costs
+    }
+
+    #[inline(always)]
+    fn one_by_one(&self, columns: Range<usize>, costs: &mut [[u8; MOST_BYTES]; TESTED]) {
+        for (k, x) in columns.enumerate() {
             let first = self.at - x + usize::from(rounded(self.candidates[x])) - 1;
-            for step in 0..TESTED {
+            for (step, costs) in costs.iter_mut().enumerate() {
                 let distance = |p: usize| (self.left[p][x] ^ self.right[p][first + step]).count_ones();
                 #[expect(clippy::cast_possible_truncation, reason = "at most 16")]
                 let sum = (distance(0) + distance(1)) as u8;
-                costs[step * padded + margin + x] = sum;
+                costs[k] = sum;
             }
         }
     }
@@ -290,31 +340,6 @@ impl Words<'_> {
 #[expect(clippy::cast_possible_truncation, reason = "at most 255 disparities")]
 fn rounded(candidate: u16) -> u8 {
     ((candidate + FIXED_PER_PX / 2) / FIXED_PER_PX) as u8
-}
-
-/// Pixels of one block: plain loops over arrays of this length become vector code.
-const BLOCK: usize = 32;
-
-#[inline(always)]
-fn block<T: Copy + Default>(of: &[T], at: usize) -> [T; BLOCK] {
-    let mut block = [T::default(); BLOCK];
-    block.copy_from_slice(&of[at..at + BLOCK]);
-    block
-}
-
-/// Sums `SIDE` columns around the block's pixels.
-#[inline(always)]
-fn sums<const SIDE: usize>(columns: &[u8], padded: usize, x: usize) -> Sums {
-    let mut sums = [[0u16; BLOCK]; TESTED];
-    for (candidate, sums) in sums.iter_mut().enumerate() {
-        for column in 0..SIDE {
-            let column: [u8; BLOCK] = block(columns, candidate * padded + x + column);
-            for k in 0..BLOCK {
-                sums[k] += u16::from(column[k]);
-            }
-        }
-    }
-    sums
 }
 
 /// All ones where `condition`, else zero: selecting by masks keeps the loops free of branches.
@@ -329,31 +354,91 @@ fn select(mask: u16, then: u16, otherwise: u16) -> u16 {
 }
 
 /// Picks the best of the three candidates (the plane's own where equal, since it is sub-pixel), and keeps it where it beats
-/// the cost so far.
-#[inline(always)]
-fn keep_better(
-    [less, same, more]: &Sums,
-    (factor, shift): (u16, u32),
-    candidates: &[u16; BLOCK],
-    disparity: &mut [u16; BLOCK],
-    cost: &mut [u8; BLOCK],
-) {
-    for x in 0..BLOCK {
-        let candidate = candidates[x];
-        let is_less = mask(less[x] <= more[x]);
-        let beside = select(
-            is_less,
-            candidate.saturating_sub(FIXED_PER_PX),
-            candidate + FIXED_PER_PX,
+/// the cost so far. Bytes suffice: from 255 differing bits on, nothing is valid any more.
+#[derive(Clone, Copy)]
+struct KeepBetter(Window);
+
+impl KeepBetter {
+    /// Differing bits of the windows of a vector of pixels; of 400 (5x5) or 392 (7x7, each two columns' mean), at most 255.
+    #[inline(always)]
+    fn window<L: Lanes>(self, lanes: L, sums: &[u8]) -> L::V {
+        let column = |k: usize| lanes.load(&sums[k..]);
+        match self.0 {
+            Window::Side5 => {
+                let inner = lanes.add(column(1), column(2));
+                let outer = lanes.add(column(0), column(4));
+                lanes.add_saturating(lanes.add_saturating(inner, outer), column(3))
+            }
+            Window::Side7 => {
+                let inner = lanes.average(column(2), column(4));
+                let outer = lanes.average(column(0), column(6));
+                let between = lanes.average(column(1), column(5));
+                let half = lanes.average(column(3), lanes.splat(0));
+                let sum = lanes.add_saturating(inner, outer);
+                lanes.add_saturating(lanes.add_saturating(sum, between), half)
+            }
+        }
+    }
+
+    /// A vector of pixels: which of the candidates is best (0, 1, 2), all ones where it beats `cost`, and the new cost.
+    #[inline(always)]
+    fn vector<L: Lanes>(self, lanes: L, [less, same, more]: [&[u8]; TESTED], cost: L::V) -> [L::V; 3] {
+        let (less, same, more) = (
+            self.window(lanes, less),
+            self.window(lanes, same),
+            self.window(lanes, more),
         );
-        let neighbour = less[x].min(more[x]);
-        let winner = select(mask(neighbour < same[x]), beside, candidate);
-        let scaled = (neighbour.min(same[x]) * factor) >> shift;
-        let better = mask(scaled < u16::from(cost[x]));
-        disparity[x] = select(better, winner, disparity[x]);
-        #[expect(clippy::cast_possible_truncation, reason = "scaled to 0..=251")]
-        let kept = select(better, scaled, u16::from(cost[x])) as u8;
-        cost[x] = kept;
+        let beside = lanes.min(less, more);
+        let least = lanes.min(beside, same);
+        // 0 where less, 2 where more, 1 where neither beats the middle.
+        let side = lanes.and(lanes.splat(2), lanes.not(lanes.equal(beside, less)));
+        let middle = lanes.equal(least, same);
+        let which = lanes.select(middle, lanes.splat(1), side);
+        // 250 of 400: half and an eighth.
+        let half = lanes.halve(least);
+        let scaled = lanes.add(half, lanes.halve(lanes.halve(half)));
+        let kept = lanes.min(scaled, cost);
+        [which, lanes.not(lanes.equal(kept, cost)), kept]
+    }
+}
+
+impl Finish for KeepBetter {
+    #[inline(always)]
+    fn finish<L: Lanes>(self, lanes: L, sums: [&[u8]; TESTED], candidates: &[u16], best: Best<'_>) {
+        let n = candidates.len();
+        for x in (0..n).step_by(L::BYTES) {
+            let sums = [&sums[0][x..], &sums[1][x..], &sums[2][x..]];
+            let (mut which, mut better, mut cost) = ([0; MOST_BYTES], [0; MOST_BYTES], [0; MOST_BYTES]);
+            let pixels = L::BYTES.min(n - x);
+            let costs = &mut best.cost[x..x + pixels];
+            if pixels == L::BYTES {
+                let vectors = self.vector(lanes, sums, lanes.load(costs));
+                lanes.store(vectors[0], &mut which);
+                lanes.store(vectors[1], &mut better);
+                lanes.store(vectors[2], costs);
+                let disparity = &mut best.disparity[x..x + L::BYTES];
+                move_to(&candidates[x..x + L::BYTES], &which, &better, disparity);
+            } else {
+                cost[..pixels].copy_from_slice(costs);
+                let vectors = self.vector(lanes, sums, lanes.load(&cost));
+                lanes.store(vectors[0], &mut which);
+                lanes.store(vectors[1], &mut better);
+                lanes.store(vectors[2], &mut cost);
+                costs.copy_from_slice(&cost[..pixels]);
+                let disparity = &mut best.disparity[x..x + pixels];
+                move_to(&candidates[x..x + pixels], &which, &better, disparity);
+            }
+        }
+    }
+}
+
+/// Where `better`, the candidate moved by `which` - 1 pixels.
+#[inline(always)]
+fn move_to(candidates: &[u16], which: &[u8; MOST_BYTES], better: &[u8; MOST_BYTES], disparity: &mut [u16]) {
+    let chosen = which.iter().zip(better);
+    for ((disparity, candidate), (which, better)) in disparity.iter_mut().zip(candidates).zip(chosen) {
+        let moved = (candidate + FIXED_PER_PX * u16::from(*which)).saturating_sub(FIXED_PER_PX);
+        *disparity = select(mask(*better > 0), moved, *disparity);
     }
 }
 
@@ -362,13 +447,46 @@ const PRIOR_SHIFT: u32 = 1;
 
 /// Picks the best of the three after a penalty for being away from the candidate, and fits its minimum below a pixel: two
 /// lines of equal slope through it and its neighbours.
+#[derive(Clone, Copy)]
+struct Correct;
+
+impl Finish for Correct {
+    #[inline(always)]
+    fn finish<L: Lanes>(self, _: L, sums: [&[u8]; TESTED], candidates: &[u16], best: Best<'_>) {
+        let n = candidates.len();
+        // The last block overlaps the one before; correcting twice changes nothing. No image is narrower than a block.
+        for block in 0..n.div_ceil(BLOCK) {
+            let x = (block * BLOCK).min(n - BLOCK);
+            let span = x..x + BLOCK;
+            let windows = [window_5(sums[0], x), window_5(sums[1], x), window_5(sums[2], x)];
+            let (disparity, cost) = (&mut best.disparity[span.clone()], &mut best.cost[span.clone()]);
+            correct(&windows, &candidates[span], disparity, cost);
+        }
+    }
+}
+
+/// Pixels of one block: plain loops over arrays of this length become vector code.
+const BLOCK: usize = 32;
+
+/// Sums five columns around the block's pixels.
+#[inline(always)]
+fn window_5(columns: &[u8], x: usize) -> [u16; BLOCK] {
+    let mut sums = [0; BLOCK];
+    for column in 0..5 {
+        let column = &columns[x + column..][..BLOCK];
+        for k in 0..BLOCK {
+            sums[k] += u16::from(column[k]);
+        }
+    }
+    sums
+}
+
 #[inline(always)]
 fn correct(
-    [less, same, more]: &Sums,
-    (factor, shift): (u16, u32),
-    candidates: &[u16; BLOCK],
-    disparity: &mut [u16; BLOCK],
-    cost: &mut [u8; BLOCK],
+    [less, same, more]: &[[u16; BLOCK]; TESTED],
+    candidates: &[u16],
+    disparity: &mut [u16],
+    cost: &mut [u8],
 ) {
     for x in 0..BLOCK {
         let whole = (candidates[x] + FIXED_PER_PX / 2) & !(FIXED_PER_PX - 1);
@@ -395,7 +513,7 @@ fn correct(
         disparity[x] = select(moved, beside, fitted);
         let least = select(moved, select(is_less, less[x], more[x]), same[x]);
         #[expect(clippy::cast_possible_truncation, reason = "scaled to 0..=251")]
-        let scaled = ((least * factor) >> shift) as u8;
+        let scaled = ((least * 5) >> 3) as u8;
         cost[x] = scaled;
     }
 }

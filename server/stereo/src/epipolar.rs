@@ -13,8 +13,11 @@
 //! A single census word is far too weak to be searched with (a third of such matches are wrong); the taps spread over a
 //! small window make it strong.
 
+use std::ops::Range;
+
 use crate::census::{Census, Pattern};
-use crate::simd::{Kernel, Lanes, Level};
+use crate::disparity::FIXED_PER_PX;
+use crate::simd::{Kernel, Lanes, Level, MOST_BYTES};
 use crate::support::{Candidate, Support};
 
 /// Disparities of one search at most.
@@ -97,9 +100,12 @@ pub(crate) struct Views<'a> {
     /// Columns of the right view left of the window's first candidate: at column x there are `columns_before + x + 1`
     /// candidates. Negative where the smallest disparity already leaves the view.
     pub(crate) columns_before: isize,
+    /// A map of disparities in 1/64 px near which the pixels' own are looked for; without it, the whole range is searched.
+    pub(crate) near: Option<&'a [u16]>,
 }
 
-type Costs = [u16; MAX_DISPARITIES];
+/// Disparities searched around that of a map.
+const NEAR_PX: usize = 64;
 
 impl Search {
     /// Searches for all `candidates`, and adds those that can be trusted to `found`.
@@ -118,67 +124,55 @@ impl Search {
         });
     }
 
-    /// The disparity of the left view's pixel (`x`, `y`) in px above the smallest, if it can be trusted.
+    /// The disparity of the left view's pixel in px above the smallest, if it can be trusted.
     #[inline(always)]
-    fn disparity_px(&self, views: &Views<'_>, x: usize, y: usize) -> Option<f32> {
-        let reachable = views
-            .disparities
-            .min((x + 1).checked_add_signed(views.columns_before)?);
-        let left = Around {
-            census: views.left,
-            at: views.left.index(x),
-            step: 1,
-        };
-        let right = Around {
-            census: views.right,
-            at: views.right_index(x),
-            step: -1,
-        };
-        let mut costs: Costs = [0; MAX_DISPARITIES];
-        sum_costs(left, right, self.taps, y, reachable, &mut costs);
-        let best = argmin(&costs)?;
+    fn disparity_px<L: Lanes>(
+        &self,
+        lanes: L,
+        views: &Views<'_>,
+        taps: &TapsOf<'_>,
+        at: Candidate,
+    ) -> Option<f32> {
+        let Candidate { x, y } = at;
+        let Range { start: lowest, end } = views.searched(x, y)?;
+        let mut costs = Costs::default();
+        let n = end - lowest;
+        let (left, right) = (
+            taps.left.at(views.left.index(x), y),
+            taps.right.at(views.right_index(x) + lowest, y),
+        );
+        sum_costs(lanes, left, right, n, &mut costs);
+        let (least, best) = lanes.first_least(costs.searched(n));
         let worst_possible =
             f32::from(u16::try_from(self.taps.len() * views.pattern.bits()).unwrap_or(u16::MAX));
-        if f32::from(costs[best]) > self.max_cost * worst_possible {
+        if f32::from(least) > self.max_cost * worst_possible {
             return None;
         }
-        if f32::from(costs[best]) >= self.uniqueness * f32::from(best_elsewhere(&costs, best)?) {
-            return None;
-        }
-        if !self.is_found_from_the_right(views, x, y, best) {
-            return None;
-        }
-        let whole = f32::from(u16::try_from(best).unwrap_or(u16::MAX));
+        let whole = f32::from(u16::try_from(lowest + best).unwrap_or(u16::MAX));
         let offset = if self.subpixel {
-            equiangular(&costs[..reachable], best)
+            equiangular(&costs.searched(n)[..n], best)
         } else {
             0.0
         };
-        Some((whole + offset).max(0.0))
-    }
-
-    /// Searches back from the right view's pixel `x - d`: the left view's candidates are `x - d + d'`.
-    #[inline(always)]
-    fn is_found_from_the_right(&self, views: &Views<'_>, x: usize, y: usize, disparity: usize) -> bool {
-        // The matched right pixel may lie left of the window, where the left view has no candidates but further right.
-        let (first, skipped) = match x.checked_sub(disparity) {
-            Some(right_x) => (right_x, 0),
-            None => (0, disparity - x),
-        };
-        let n = (views.disparities - skipped).min(views.width - first);
-        let right = Around {
-            census: views.right,
-            at: views.right_index(x) + disparity,
-            step: -1,
-        };
-        let left = Around {
-            census: views.left,
-            at: views.left.index(first),
-            step: 1,
-        };
-        let mut costs: Costs = [0; MAX_DISPARITIES];
-        sum_costs(right, left, self.taps, y, n, &mut costs);
-        argmin(&costs).is_some_and(|back| (back + skipped).abs_diff(disparity) <= self.left_right_px)
+        costs.forget_around(best);
+        let (elsewhere, _) = lanes.first_least(costs.searched(n));
+        // If nothing is that far, uniqueness can't be told.
+        if elsewhere == u16::MAX || f32::from(least) >= self.uniqueness * f32::from(elsewhere) {
+            return None;
+        }
+        let disparity = lowest + best;
+        // Back from the right view's pixel `x - d`: the left view's candidates are `x - d + d'`. It may lie left of the
+        // window, where the left view has no candidates but further right.
+        let skipped = lowest.max(disparity.saturating_sub(x));
+        let first = x + skipped - disparity;
+        let n = (views.end(lowest) - skipped).min(views.width - first);
+        let (right, left) = (
+            taps.right.at(views.right_index(x) + disparity, y),
+            taps.left.at(views.left.index(first), y),
+        );
+        sum_costs(lanes, right, left, n, &mut costs);
+        let (_, back) = lanes.first_least(costs.searched(n));
+        ((back + skipped).abs_diff(disparity) <= self.left_right_px).then_some((whole + offset).max(0.0))
     }
 }
 
@@ -193,10 +187,21 @@ impl Kernel for SearchAll<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn run<L: Lanes>(self, _: L) {
-        for &Candidate { x, y } in self.candidates {
-            if let Some(disparity_px) = self.search.disparity_px(self.views, x, y) {
-                self.found.push(Support { x, y, disparity_px });
+    fn run<L: Lanes>(self, lanes: L) {
+        let Self {
+            search,
+            views,
+            candidates,
+            found,
+        } = self;
+        let taps = TapsOf {
+            left: TapsOfView::new(views.left, search.taps, 1),
+            right: TapsOfView::new(views.right, search.taps, -1),
+        };
+        for &candidate in candidates {
+            if let Some(disparity_px) = search.disparity_px(lanes, views, &taps, candidate) {
+                let Candidate { x, y } = candidate;
+                found.push(Support { x, y, disparity_px });
             }
         }
     }
@@ -207,104 +212,177 @@ impl Views<'_> {
     pub(crate) fn right_index(&self, x: usize) -> usize {
         self.right.index(0).wrapping_sub(x)
     }
+
+    /// End of the disparities searched from `lowest` on.
+    #[inline(always)]
+    fn end(&self, lowest: usize) -> usize {
+        if self.near.is_some() {
+            (lowest + NEAR_PX).min(self.disparities)
+        } else {
+            self.disparities
+        }
+    }
+
+    /// Disparities searched for the pixel (`x`, `y`), all of them inside the right view; `None` without any.
+    #[inline(always)]
+    fn searched(&self, x: usize, y: usize) -> Option<Range<usize>> {
+        let end = self
+            .disparities
+            .min((x + 1).checked_add_signed(self.columns_before)?);
+        let range = match self.near {
+            None => 0..end,
+            Some(map) => {
+                let centre = usize::from(map[y * self.width + x] / FIXED_PER_PX);
+                let start = (centre + NEAR_PX / 2).min(end).saturating_sub(NEAR_PX);
+                start..end.min(start + NEAR_PX)
+            }
+        };
+        (!range.is_empty()).then_some(range)
+    }
 }
 
-/// Disparities summed at a time: their sums stay in registers over all taps.
-const BLOCK: usize = 64;
+/// Costs in order of disparity.
+#[repr(align(64))]
+struct Costs([u16; Self::MARGIN + MAX_DISPARITIES + Self::MARGIN]);
 
-/// A view's words around a pixel, `at` within its rows; `step` is 1, or -1 where the rows are mirrored.
+impl Default for Costs {
+    fn default() -> Self {
+        Self([u16::MAX; _])
+    }
+}
+
+impl Costs {
+    /// Room for what is forgotten around the first and the last.
+    const MARGIN: usize = 32;
+    /// Disparities that are as good as the same, in px on both sides.
+    const SAME_PX: usize = 2;
+
+    /// The blocks that hold `n` costs; the rest of the last one is as large as can be.
+    #[inline(always)]
+    fn searched(&self, n: usize) -> &[u16] {
+        &self.0[Self::MARGIN..][..n.next_multiple_of(BLOCK)]
+    }
+
+    /// As if `best` and what is as good as the same had not been searched.
+    #[inline(always)]
+    fn forget_around(&mut self, best: usize) {
+        let first = Self::MARGIN + best - Self::SAME_PX;
+        self.0[first..first + 2 * Self::SAME_PX + 1].fill(u16::MAX);
+    }
+}
+
+/// Costs are compared in blocks of this length, the longest vector.
+const BLOCK: usize = MOST_BYTES;
+/// Taps and planes of any preset.
+const MOST_TAPS: usize = 25;
+const MOST_PLANES: usize = 3;
+
+struct TapsOf<'a> {
+    left: TapsOfView<'a>,
+    right: TapsOfView<'a>,
+}
+
+/// Where the words of all taps are in one view, whatever the pixel.
+struct TapsOfView<'a> {
+    planes: [&'a [u8]; MOST_PLANES],
+    census: &'a Census,
+    offsets: [isize; MOST_TAPS],
+    taps: usize,
+}
+
+impl<'a> TapsOfView<'a> {
+    /// `step` is 1, or -1 where the rows are mirrored.
+    fn new(census: &'a Census, taps: Taps, step: isize) -> Self {
+        let mut view = Self {
+            planes: [&[]; MOST_PLANES],
+            census,
+            offsets: [0; MOST_TAPS],
+            taps: taps.len(),
+        };
+        for (data, plane) in view.planes.iter_mut().zip(census.planes()) {
+            *data = plane.bytes();
+        }
+        for (offset, &(dx, dy)) in view.offsets.iter_mut().zip(taps) {
+            *offset = isize::from(dy) * census.planes()[0].stride().cast_signed() + step * isize::from(dx);
+        }
+        view
+    }
+
+    /// The words around `index` of row `y`.
+    #[inline(always)]
+    fn at(&self, index: usize, y: usize) -> Around<'_> {
+        Around {
+            planes: &self.planes[..self.census.planes().len()],
+            offsets: &self.offsets[..self.taps],
+            at: self.census.planes()[0].position(index, y),
+        }
+    }
+}
+
+/// A view's words around a pixel.
 #[derive(Clone, Copy)]
 struct Around<'a> {
-    census: &'a Census,
+    planes: &'a [&'a [u8]],
+    offsets: &'a [isize],
     at: usize,
-    step: isize,
 }
 
-impl<'a> Around<'a> {
-    /// Plane `plane`'s row `y + dy` and where column `dx` further right is in it.
-    #[inline(always)]
-    fn row(&self, plane: usize, y: usize, (dx, dy): (i8, i8)) -> (&'a [u8], usize) {
-        let row = self.census.planes()[plane].row(y, dy);
-        (row, self.at.wrapping_add_signed(self.step * isize::from(dx)))
-    }
-}
-
-/// `costs[d]` for `d < n`: Hamming distance of the words around `one` to the words around `many`, `d` further in its rows;
-/// the rest of `costs` is as large as can be.
+/// The cost of disparity `d < n`: Hamming distance of the words around `one` to the words around `many`, `d` further in
+/// its rows; the rest of the last block is as large as can be.
 #[inline(always)]
-fn sum_costs(one: Around<'_>, many: Around<'_>, taps: Taps, y: usize, n: usize, costs: &mut Costs) {
-    match n.div_ceil(BLOCK) {
-        0 => {}
-        1 => sum_blocks::<1>(one, many, taps, y, costs),
-        2 => sum_blocks::<2>(one, many, taps, y, costs),
-        3 => sum_blocks::<3>(one, many, taps, y, costs),
-        _ => sum_blocks::<4>(one, many, taps, y, costs),
+fn sum_costs<L: Lanes>(lanes: L, one: Around<'_>, many: Around<'_>, n: usize, costs: &mut Costs) {
+    let mut done = 0;
+    while done < n {
+        // Two vectors at a time share the words of the one.
+        if done + L::BYTES < n {
+            sum_vectors::<L, 2>(lanes, one, many, done, costs);
+            done += 2 * L::BYTES;
+        } else {
+            sum_vectors::<L, 1>(lanes, one, many, done, costs);
+            done += L::BYTES;
+        }
     }
-    costs[n..].fill(u16::MAX);
+    costs.0[Costs::MARGIN + n..Costs::MARGIN + n.next_multiple_of(BLOCK)].fill(u16::MAX);
 }
 
-/// The first `BLOCKS` blocks of costs.
+/// `N` vectors of costs from disparity `first` on. Their sums stay in registers over all taps.
 #[inline(always)]
-fn sum_blocks<const BLOCKS: usize>(
+fn sum_vectors<L: Lanes, const N: usize>(
+    lanes: L,
     one: Around<'_>,
     many: Around<'_>,
-    taps: Taps,
-    y: usize,
+    first: usize,
     costs: &mut Costs,
 ) {
-    let planes = one.census.planes().len();
     // Bytes are twice as fast as 16 bits, as long as a sum fits one.
-    let taps_that_fit = usize::from(u8::MAX) / (8 * planes);
-    let (costs, _) = costs.as_chunks_mut::<BLOCK>();
-    for block in &mut costs[..BLOCKS] {
-        *block = [0; BLOCK];
-    }
-    for taps in taps.chunks(taps_that_fit) {
-        let mut sums = [[0u8; BLOCK]; BLOCKS];
-        for &tap in taps {
-            for plane in 0..planes {
-                let (row, at) = one.row(plane, y, tap);
-                let word = row[at];
-                // Rows have margins of a block more than any disparity reaches.
-                let (row, at) = many.row(plane, y, tap);
-                let (words, _) = row[at..at + BLOCKS * BLOCK].as_chunks::<BLOCK>();
-                for (sums, words) in sums.iter_mut().zip(words) {
-                    for k in 0..BLOCK {
-                        #[expect(clippy::cast_possible_truncation, reason = "at most 8")]
-                        let distance = (word ^ words[k]).count_ones() as u8;
-                        sums[k] += distance;
-                    }
+    let taps_that_fit = usize::from(u8::MAX) / (8 * one.planes.len());
+    let costs = &mut costs.0[Costs::MARGIN + first..][..N * L::BYTES];
+    let taps = one.offsets.len();
+    for from in (0..taps).step_by(taps_that_fit) {
+        let mut sums = [lanes.splat(0); N];
+        for tap in from..(from + taps_that_fit).min(taps) {
+            let at = one.at.wrapping_add_signed(one.offsets[tap]);
+            // Rows have margins of a block more than any disparity reaches.
+            let start = many.at.wrapping_add_signed(many.offsets[tap]) + first;
+            for (one, many) in one.planes.iter().zip(many.planes) {
+                let word = lanes.splat(one[at]);
+                let words = &many[start..start + N * L::BYTES];
+                for (k, sum) in sums.iter_mut().enumerate() {
+                    let differing = lanes.xor(word, lanes.load(&words[k * L::BYTES..]));
+                    *sum = lanes.add(*sum, lanes.count_ones(differing));
                 }
             }
         }
-        for (costs, sums) in costs.iter_mut().zip(&sums) {
-            for k in 0..BLOCK {
-                costs[k] += u16::from(sums[k]);
+        for (k, sum) in sums.into_iter().enumerate() {
+            let mut bytes = [0; MOST_BYTES];
+            lanes.store(sum, &mut bytes);
+            let costs = &mut costs[k * L::BYTES..][..L::BYTES];
+            for (cost, sum) in costs.iter_mut().zip(&bytes) {
+                let before = if from == 0 { 0 } else { *cost };
+                *cost = before + u16::from(*sum);
             }
         }
     }
-}
-
-/// The first of the least costs; `None` if there is none.
-#[inline(always)]
-fn argmin(costs: &Costs) -> Option<usize> {
-    let mut least = u32::MAX;
-    for (d, cost) in (0u32..).zip(costs) {
-        least = least.min(u32::from(*cost) << 16 | d);
-    }
-    (least >> 16 < u32::from(u16::MAX)).then_some((least & 0xFFFF) as usize)
-}
-
-/// The least cost further than 2 px from `best`; `None` if nothing is that far, so that uniqueness can't be told.
-#[inline(always)]
-fn best_elsewhere(costs: &Costs, best: usize) -> Option<u16> {
-    let mut elsewhere = *costs;
-    elsewhere[best.saturating_sub(2)..(best + 3).min(MAX_DISPARITIES)].fill(u16::MAX);
-    let mut least = u16::MAX;
-    for cost in elsewhere {
-        least = least.min(cost);
-    }
-    (least < u16::MAX).then_some(least)
 }
 
 /// Offset in -0.5..=0.5 of the minimum of two lines of equal slope through the best cost and its neighbours.

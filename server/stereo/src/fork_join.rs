@@ -1,5 +1,7 @@
 //! Parallelism as an argument: the core never makes a thread.
 
+use std::sync::Mutex;
+
 /// Runs independent pieces of one frame's work.
 pub trait ForkJoin {
     /// Threads there are, the caller's included; work is cut into about that many pieces.
@@ -21,4 +23,34 @@ impl ForkJoin for Serial {
     fn run(&self, n: usize, piece: &(dyn Fn(usize) + Sync)) {
         (0..n).for_each(piece);
     }
+}
+
+/// Most pieces that work is cut into.
+const MOST_PIECES: usize = 16;
+
+/// How many pieces work is cut into.
+pub(crate) fn pieces(join: &dyn ForkJoin) -> usize {
+    join.threads().clamp(1, MOST_PIECES)
+}
+
+/// Calls `work` with the number of each part and the part; parts beyond [`pieces`]' largest number are left out.
+pub(crate) fn for_each<T: Send>(
+    join: &dyn ForkJoin,
+    parts: impl Iterator<Item = T>,
+    work: impl Fn(usize, T) + Sync,
+) {
+    let slots: [Mutex<Option<T>>; MOST_PIECES] = std::array::from_fn(|_| Mutex::new(None));
+    let mut count = 0;
+    for (slot, part) in slots.iter().zip(parts) {
+        if let Ok(mut slot) = slot.lock() {
+            *slot = Some(part);
+        }
+        count += 1;
+    }
+    join.run(count, &|piece| {
+        let part = slots[piece].lock().ok().and_then(|mut slot| slot.take());
+        if let Some(part) = part {
+            work(piece, part);
+        }
+    });
 }

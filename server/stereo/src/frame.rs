@@ -1,20 +1,20 @@
 //! The working state of one frame, and the stages that lead from one rung to the next.
 
-use std::sync::Mutex;
-
-use crate::census::Census;
+use crate::census::{Census, Pattern};
+use crate::changes::Changes;
 use crate::coarse::Coarse;
 use crate::confidence::CostScale;
 use crate::cost::Scratch;
 use crate::disparity::{DisparityMap, FIXED_PER_PX};
-use crate::fork_join::ForkJoin;
+use crate::fork_join::{self, ForkJoin};
 use crate::gradient::Gradient;
-use crate::image::{Roi, Shape, StereoPair};
+use crate::image::{GrayView, Roi, Shape, StereoPair};
 use crate::ladder::{Recipe, Rung, Work};
 use crate::mesh::{Mesh, MeshParams};
 use crate::paper::Occupancy;
 use crate::params::Params;
-use crate::plane::{MARGIN_X, Plane};
+use crate::plane::{MARGIN_X, MARGIN_Y, Plane};
+use crate::propagate;
 use crate::publish::{self, Published};
 use crate::simd::Level;
 use crate::support::{Buckets, Candidate, Support};
@@ -97,7 +97,10 @@ pub(crate) struct Frame {
     half: Coarse,
     quarter: Coarse,
     surface: Surface,
-    scratch: Vec<Mutex<Scratch>>,
+    /// Where the candidates to evaluate changed.
+    changes: Changes,
+    lending: propagate::Scratch,
+    scratch: Vec<Scratch>,
 }
 
 type Columns = std::ops::Range<usize>;
@@ -148,6 +151,45 @@ impl Window {
     }
 }
 
+/// One view and what is made of it.
+struct View<'a> {
+    source: GrayView<'a>,
+    /// The source's pixel that becomes column 0, row 0.
+    origin: (isize, usize),
+    /// Columns that show real pixels.
+    columns: Columns,
+    plane: &'a mut Plane,
+    census: &'a mut Census,
+    /// The left view's.
+    gradient: Option<&'a mut Gradient>,
+}
+
+/// Rows that are taken in at a time, while they are in the cache.
+const ROWS_AT_A_TIME: usize = 16;
+
+impl View<'_> {
+    /// Copies the view; its codes and gradients follow as soon as the rows they look at are there.
+    fn take_in(mut self, level: Level, pattern: Pattern) {
+        let (height, padded_height) = (self.plane.height(), self.plane.padded_height());
+        let mut copied = 0;
+        for top in (0..height).step_by(ROWS_AT_A_TIME) {
+            let rows = top..(top + ROWS_AT_A_TIME).min(height);
+            let needed = if rows.end == height {
+                padded_height
+            } else {
+                rows.end + 2 * MARGIN_Y
+            };
+            self.plane.copy_from(&self.source, self.origin, copied..needed);
+            copied = needed;
+            if let Some(gradient) = &mut self.gradient {
+                gradient.compute(level, self.plane, rows.clone());
+            }
+            self.census
+                .compute_rows(level, pattern, self.plane, self.columns.clone(), rows);
+        }
+    }
+}
+
 impl Frame {
     /// Room for images of `shape`.
     pub(crate) fn reshape(&mut self, level: Level, shape: Shape, params: &Params, recipe: &Recipe) {
@@ -170,34 +212,35 @@ impl Frame {
     }
 
     /// Takes in a pair and forgets the one before.
-    pub(crate) fn begin(
-        &mut self,
-        pair: StereoPair<'_>,
-        recipe: &Recipe,
-        after: &mut dyn FnMut(&'static str),
-    ) {
+    pub(crate) fn begin(&mut self, pair: StereoPair<'_>, recipe: &Recipe, join: &dyn ForkJoin) {
         let Window {
             roi,
             min_disparity_px,
             ..
         } = self.window;
-        let left_of_window = isize::try_from(roi.x).unwrap_or(isize::MAX);
-        self.left.copy_from(&pair.left(), left_of_window, roi.y);
-        self.right.copy_from(
-            &pair.right(),
-            left_of_window.saturating_sub_unsigned(min_disparity_px),
-            roi.y,
-        );
-        after("copy");
-        self.gradient.compute(self.level, &self.left);
-        after("gradient");
-        let (left, right) = self.real_columns(pair.left().width_px());
-        self.real_columns = (left.clone(), right.clone());
-        self.left_census
-            .compute(self.level, recipe.pattern, &self.left, left);
-        self.right_census
-            .compute(self.level, recipe.pattern, &self.right, right);
-        after("census");
+        let columns = self.real_columns(pair.left().width_px());
+        self.real_columns = columns.clone();
+        let left_px = roi.x.cast_signed();
+        let left = View {
+            source: pair.left(),
+            origin: (left_px, roi.y),
+            columns: columns.0,
+            plane: &mut self.left,
+            census: &mut self.left_census,
+            gradient: Some(&mut self.gradient),
+        };
+        let right = View {
+            source: pair.right(),
+            origin: (left_px.saturating_sub_unsigned(min_disparity_px), roi.y),
+            columns: columns.1,
+            plane: &mut self.right,
+            census: &mut self.right_census,
+            gradient: None,
+        };
+        let level = self.level;
+        fork_join::for_each(join, [left, right].into_iter(), |_, view| {
+            view.take_in(level, recipe.pattern);
+        });
         self.supports.clear();
         self.rasterised_vertices = 0;
         self.cost.fill(u8::MAX);
@@ -244,28 +287,33 @@ impl Frame {
         }
     }
 
-    /// Brings the confidences up to date with what led to the rung.
-    pub(crate) fn rate(&mut self, rung: &Rung, recipe: &Recipe) {
+    /// Rates and writes the result so far to `out`.
+    pub(crate) fn publish(
+        &mut self,
+        rung: &Rung,
+        recipe: &Recipe,
+        (shape, params): (Shape, &Params),
+        out: &mut DisparityMap,
+    ) -> Published {
         let scale = CostScale {
             half_at: recipe.half_confidence_at,
             valid_up_to: recipe.valid_up_to,
         };
-        match rung.work {
+        let confidence = match rung.work {
             Work::Mesh { .. } | Work::Propagate | Work::Paper { .. } => {
-                scale.rate(self.level, &self.cost, &mut self.confidence);
+                publish::Confidence::OfCosts(scale, &self.cost)
             }
-            Work::HalfBand | Work::Full => self.rate_dense(rung, scale),
-        }
-    }
-
-    /// Writes the result so far to `out`.
-    pub(crate) fn publish(&self, shape: Shape, params: &Params, out: &mut DisparityMap) -> Published {
+            Work::HalfBand | Work::Full => {
+                self.rate_dense(rung, scale);
+                publish::Confidence::Known(&self.confidence)
+            }
+        };
         let maps = publish::Maps {
             window: self.window,
             mask: &self.gradient.mask,
             interpolated: &self.interpolated,
             disparity: &self.disparity,
-            confidence: &self.confidence,
+            confidence,
         };
         publish::publish(self.level, &maps, shape, params, out)
     }

@@ -1,8 +1,11 @@
 //! Image gradient of the left view: the high-gradient mask (the paper's Omega_I) and the strength by which supports are
 //! chosen. Epipolar lines are rows, so only the horizontal gradient tells how well a pixel can be matched.
 
+use std::ops::Range;
+
 use crate::plane::Plane;
 use crate::simd::{Kernel, Lanes, Level};
+use crate::support::Candidate;
 
 /// A pixel is in the mask from this (|gx| + |gy|) / 8 of the 3x3 Sobel gradient on (8-bit gray levels).
 const MASK_FROM: u16 = 8;
@@ -15,6 +18,9 @@ pub(crate) struct Gradient {
     /// |gx| / 4 of the 3x3 Sobel gradient.
     pub(crate) strength: Vec<u8>,
     width: usize,
+    /// A row's sums and differences over three rows.
+    smooth: Vec<i16>,
+    steep: Vec<i16>,
 }
 
 impl Gradient {
@@ -25,50 +31,88 @@ impl Gradient {
     }
 
     /// Both maps from the padded left image.
-    pub(crate) fn compute(&mut self, level: Level, image: &Plane) {
+    pub(crate) fn compute(&mut self, level: Level, image: &Plane, rows: Range<usize>) {
         level.run(Compute {
             gradient: self,
             image,
+            rows,
         });
+    }
+
+    /// Pixels that need not be tried again: as if they had no gradient.
+    pub(crate) fn forget(&mut self, pixels: &[Candidate]) {
+        for pixel in pixels {
+            self.strength[pixel.y * self.width + pixel.x] = 0;
+        }
     }
 }
 
 struct Compute<'a> {
     gradient: &'a mut Gradient,
     image: &'a Plane,
+    rows: Range<usize>,
 }
+
+/// Pixels of one block: plain loops over arrays of this length become vector code.
+const BLOCK: usize = 32;
 
 impl Kernel for Compute<'_> {
     type Output = ();
 
     #[inline(always)]
     fn run<L: Lanes>(self, _: L) {
-        let Self { gradient, image } = self;
+        let Self {
+            gradient,
+            image,
+            rows,
+        } = self;
         let (width, from) = (gradient.width, image.margin_left() - 1);
-        let rows = gradient
-            .mask
-            .chunks_exact_mut(width)
-            .zip(gradient.strength.chunks_exact_mut(width));
-        for (y, (mask, strength)) in rows.enumerate() {
-            let row = |dy: i8| &image.row(y, dy)[from..from + width + 2];
-            let (above, here, below) = (row(-1), row(0), row(1));
-            sobel_row(above, here, below, mask, strength);
+        // Whole blocks: the margin is wider than one.
+        let padded = (width + 2).next_multiple_of(BLOCK);
+        let (smooth, steep) = (&mut gradient.smooth, &mut gradient.steep);
+        smooth.resize(padded, 0);
+        steep.resize(padded, 0);
+        for y in rows {
+            let above = image.row(y, -1)[from..from + padded].as_chunks::<BLOCK>().0;
+            let here = image.row(y, 0)[from..from + padded].as_chunks::<BLOCK>().0;
+            let below = image.row(y, 1)[from..from + padded].as_chunks::<BLOCK>().0;
+            let columns = smooth.as_chunks_mut::<BLOCK>().0.iter_mut();
+            let columns = columns.zip(steep.as_chunks_mut::<BLOCK>().0);
+            for (block, (smooth, steep)) in columns.enumerate() {
+                let (above, here, below) = (&above[block], &here[block], &below[block]);
+                for k in 0..BLOCK {
+                    smooth[k] = i16::from(above[k]) + 2 * i16::from(here[k]) + i16::from(below[k]);
+                    steep[k] = i16::from(below[k]) - i16::from(above[k]);
+                }
+            }
+            let row = y * width..(y + 1) * width;
+            let (mask, strength) = (&mut gradient.mask[row.clone()], &mut gradient.strength[row]);
+            for x in (0..width).step_by(BLOCK) {
+                let n = BLOCK.min(width - x);
+                let (smooth, steep) = (&smooth[x..x + n + 2], &steep[x..x + n + 2]);
+                let (mask, strength) = (&mut mask[x..x + n], &mut strength[x..x + n]);
+                if n == BLOCK {
+                    let (mask, strength) = (&mut mask[..BLOCK], &mut strength[..BLOCK]);
+                    sobel(&smooth[..BLOCK + 2], &steep[..BLOCK + 2], mask, strength);
+                } else {
+                    sobel(smooth, steep, mask, strength);
+                }
+            }
         }
     }
 }
 
-/// One row; the inputs have one more pixel on each side than the outputs.
+/// From the columns' sums (1, 2, 1) and differences; they have one more column on each side than the outputs.
 #[inline(always)]
-fn sobel_row(above: &[u8], here: &[u8], below: &[u8], mask: &mut [u8], strength: &mut [u8]) {
-    let width = mask.len();
-    let (above, here, below) = (&above[..width + 2], &here[..width + 2], &below[..width + 2]);
-    for x in 0..width {
-        let at = |row: &[u8], dx: usize| i16::from(row[x + dx]);
-        let gx = at(above, 2) - at(above, 0) + 2 * (at(here, 2) - at(here, 0)) + at(below, 2) - at(below, 0);
-        let gy =
-            at(below, 0) + 2 * at(below, 1) + at(below, 2) - at(above, 0) - 2 * at(above, 1) - at(above, 2);
-        mask[x] = u8::from((gx.unsigned_abs() + gy.unsigned_abs()) / 8 >= MASK_FROM);
-        strength[x] = (gx.unsigned_abs() / 4).min(255) as u8;
+#[expect(clippy::cast_possible_truncation, reason = "a quarter of at most 1020")]
+fn sobel(smooth: &[i16], steep: &[i16], mask: &mut [u8], strength: &mut [u8]) {
+    let n = mask.len();
+    let (smooth, steep, strength) = (&smooth[..n + 2], &steep[..n + 2], &mut strength[..n]);
+    for x in 0..n {
+        let gx = (smooth[x + 2] - smooth[x]).unsigned_abs();
+        let gy = (steep[x] + 2 * steep[x + 1] + steep[x + 2]).unsigned_abs();
+        mask[x] = u8::from((gx + gy) / 8 >= MASK_FROM);
+        strength[x] = (gx / 4) as u8;
     }
 }
 

@@ -105,22 +105,36 @@ pub(crate) fn fill(
     triangles: impl Iterator<Item = [Vertex; 3]>,
     max_fixed: u16,
 ) {
+    fill_reporting(level, map, width, triangles, max_fixed, |_, _, _| ());
+}
+
+/// The same, calling `filled(row, first, last)` for every row of a triangle.
+pub(crate) fn fill_reporting(
+    level: Level,
+    map: &mut [u16],
+    width: usize,
+    triangles: impl Iterator<Item = [Vertex; 3]>,
+    max_fixed: u16,
+    filled: impl FnMut(usize, usize, usize),
+) {
     level.run(Fill {
         map,
         width,
         triangles,
         max_fixed,
+        filled,
     });
 }
 
-struct Fill<'a, T> {
+struct Fill<'a, T, F> {
     map: &'a mut [u16],
     width: usize,
     triangles: T,
     max_fixed: u16,
+    filled: F,
 }
 
-impl<T: Iterator<Item = [Vertex; 3]>> Kernel for Fill<'_, T> {
+impl<T: Iterator<Item = [Vertex; 3]>, F: FnMut(usize, usize, usize)> Kernel for Fill<'_, T, F> {
     type Output = ();
 
     #[inline(always)]
@@ -131,25 +145,56 @@ impl<T: Iterator<Item = [Vertex; 3]>> Kernel for Fill<'_, T> {
             width,
             triangles,
             max_fixed,
+            mut filled,
         } = self;
-        // 16 more fractional bits, so that the step along a row is exact enough for the widest image.
-        let scale = f32::from(FIXED_PER_PX) * 65536.0;
         let max = i32::from(max_fixed) << 16;
         for vertices in triangles {
             let Some(plane) = Plane::through(&vertices) else {
                 continue;
             };
-            let step = (plane.a * scale) as i32;
+            let ramp = Ramp::of(&plane, &vertices[0]);
             scan_lines(&vertices, |y, from, to| {
-                let first = plane.a * from as f32 + plane.b * y as f32 + plane.c;
-                lanes.ramp(
-                    &mut map[y * width + from..=y * width + to],
-                    (first * scale) as i32 + 32768,
-                    step,
-                    max,
-                );
+                filled(y, from, to);
+                let row = &mut map[y * width + from..=y * width + to];
+                lanes.ramp(row, ramp.at(from, y), (ramp.a >> 16) as i32, max);
             });
         }
+    }
+}
+
+/// A plane in whole numbers: disparities in 1/64 px with 32 more fractional bits.
+struct Ramp {
+    a: i64,
+    b: i64,
+    u: i64,
+    v: i64,
+    d: i64,
+}
+
+impl Ramp {
+    #[inline(always)]
+    #[expect(
+        clippy::cast_possible_truncation,
+        reason = "whole pixels, and disparities that fit"
+    )]
+    fn of(plane: &Plane, through: &Vertex) -> Self {
+        let scale = f32::from(FIXED_PER_PX) * 65536.0 * 65536.0;
+        Self {
+            a: (plane.a * scale) as i64,
+            b: (plane.b * scale) as i64,
+            u: through.u as i64,
+            v: through.v as i64,
+            d: (through.disparity * scale) as i64 + (1 << 31),
+        }
+    }
+
+    /// With 16 fractional bits. Within a triangle it is between the disparities of the vertices.
+    #[inline(always)]
+    #[expect(clippy::cast_possible_truncation, reason = "disparities fit")]
+    #[expect(clippy::cast_possible_wrap, reason = "columns and rows are small")]
+    fn at(&self, x: usize, y: usize) -> i32 {
+        let (x, y) = (x as i64 - self.u, y as i64 - self.v);
+        ((self.d + self.a * x + self.b * y) >> 16) as i32
     }
 }
 

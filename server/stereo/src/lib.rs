@@ -60,6 +60,7 @@
 mod band;
 mod census;
 mod certainty;
+mod changes;
 mod coarse;
 mod confidence;
 mod cost;

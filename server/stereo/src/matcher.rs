@@ -148,7 +148,8 @@ impl Matcher {
             return Err(MatchError::WrongShape { expected, got });
         }
         (self.rungs_done, self.stage, self.quality) = (0, Stage::Choose, NOTHING_YET);
-        self.frame.begin(pair, self.recipe, after);
+        self.frame.begin(pair, self.recipe, join);
+        after("take in");
         loop {
             let stage = self.next_stage();
             let progress = self.step(out, join);
@@ -192,8 +193,9 @@ impl Matcher {
                 Progress::Working
             }
             None => {
-                self.frame.rate(rung, self.recipe);
-                let published = self.frame.publish(self.shape, &self.params, out);
+                let published = self
+                    .frame
+                    .publish(rung, self.recipe, (self.shape, &self.params), out);
                 self.finish_rung(&published)
             }
         }

@@ -59,6 +59,16 @@ impl Plane {
         self.padded_row((y + MARGIN_Y).wrapping_add_signed(isize::from(dy)))
     }
 
+    /// All rows one after another, margins included.
+    pub(crate) fn bytes(&self) -> &[u8] {
+        &self.data
+    }
+
+    /// Where column `index` (margins counted) of row `y` is in [`Self::bytes`].
+    pub(crate) fn position(&self, index: usize, y: usize) -> usize {
+        (y + MARGIN_Y) * self.stride + index
+    }
+
     /// Row `y` with its margins, for writing.
     pub(crate) fn row_mut(&mut self, y: usize) -> &mut [u8] {
         &mut self.data[(y + MARGIN_Y) * self.stride..][..self.stride]
@@ -70,11 +80,17 @@ impl Plane {
     }
 
     /// Copies the pixels of `view` such that column 0, row 0 is the view's pixel (`left_px`, `top_px`); what lies outside
-    /// the view repeats its edge.
-    pub(crate) fn copy_from(&mut self, view: &GrayView<'_>, left_px: isize, top_px: usize) {
+    /// the view repeats its edge. Only `rows` are copied, counted from the topmost margin row.
+    pub(crate) fn copy_from(
+        &mut self,
+        view: &GrayView<'_>,
+        (left_px, top_px): (isize, usize),
+        rows: std::ops::Range<usize>,
+    ) {
         let (stride, margin_left) = (self.stride, self.margin_left);
         let last_row = view.height_px() - 1;
-        for (y, row) in self.data.chunks_exact_mut(stride).enumerate() {
+        let data = &mut self.data[rows.start * stride..rows.end * stride];
+        for (y, row) in rows.zip(data.chunks_exact_mut(stride)) {
             let source = view.row((y + top_px).saturating_sub(MARGIN_Y).min(last_row));
             // First source column of this row, then how many columns lie left of the view, inside, and right of it.
             let first = left_px.saturating_sub_unsigned(margin_left);
@@ -85,6 +101,11 @@ impl Plane {
             row[before..before + inside].copy_from_slice(&source[from..from + inside]);
             row[before + inside..].fill(source[source.len() - 1]);
         }
+    }
+
+    /// Rows, margins included.
+    pub(crate) fn padded_height(&self) -> usize {
+        self.height + 2 * MARGIN_Y
     }
 
     /// Becomes `source` at half its resolution: means of two by two pixels, margins included.

@@ -4,75 +4,124 @@
 //! It makes a map of candidates; the ordinary cost evaluation decides. Thin things and object borders, which no triangle
 //! fits, get their disparity from the part of them that was found.
 
+use crate::changes::Changes;
+use crate::simd::{Kernel, Lanes, Level};
+
 /// Where a candidate comes from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum From {
     Left,
     Right,
-    Above,
-    Below,
 }
 
 /// How far a disparity travels, px.
-const REACH_PX: u8 = 8;
+const REACH_PX: usize = 8;
 /// Pixels cheaper than this (of 250) lend their disparity; dearer ones borrow.
 const GOOD_BELOW: u8 = 63;
+/// Of a pixel that neither has a good disparity nor has been lent one.
+const NONE: u16 = u16::MAX;
+
+/// Two rows with room for the reach on both sides.
+#[derive(Debug, Default)]
+pub(crate) struct Scratch {
+    rows: [Vec<u16>; 2],
+}
+
+/// The result so far.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Found<'a> {
+    pub(crate) width: usize,
+    pub(crate) disparity: &'a [u16],
+    pub(crate) cost: &'a [u8],
+    /// No more than this is lent.
+    pub(crate) max_fixed: u16,
+}
 
 /// Writes to `candidates` the disparity each pixel tries: its own where it is good or nobody near is, else the one of the
-/// nearest good pixel on side `from`.
-pub(crate) fn candidates(from: From, width: usize, disparity: &[u16], cost: &[u8], candidates: &mut [u16]) {
-    match from {
-        From::Left | From::Right => {
-            let rows = disparity.chunks_exact(width).zip(cost.chunks_exact(width));
-            for ((disparity, cost), candidates) in rows.zip(candidates.chunks_exact_mut(width)) {
-                let mut lender = Lender::default();
-                let mut visit = |x: usize| candidates[x] = lender.visit(disparity[x], cost[x]);
-                if from == From::Left {
-                    (0..width).for_each(&mut visit)
-                } else {
-                    (0..width).rev().for_each(&mut visit)
+/// nearest good pixel on side `from`. Marks the pixels that borrow in `changes`.
+pub(crate) fn candidates(
+    level: Level,
+    from: From,
+    found: Found<'_>,
+    candidates: &mut [u16],
+    changes: &mut Changes,
+    scratch: &mut Scratch,
+) {
+    level.run(Candidates {
+        from,
+        found,
+        candidates,
+        changes,
+        scratch,
+    });
+}
+
+struct Candidates<'a> {
+    from: From,
+    found: Found<'a>,
+    candidates: &'a mut [u16],
+    changes: &'a mut Changes,
+    scratch: &'a mut Scratch,
+}
+
+impl Kernel for Candidates<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, _: L) {
+        let Self {
+            from,
+            found,
+            candidates,
+            changes,
+            scratch,
+        } = self;
+        let width = found.width;
+        for row in &mut scratch.rows {
+            row.clear();
+            row.resize(width + 2 * REACH_PX, NONE);
+        }
+        let [one, other] = &mut scratch.rows;
+        let (mut lent, mut next) = (&mut one[..], &mut other[..]);
+        let rows = found
+            .disparity
+            .chunks_exact(width)
+            .zip(found.cost.chunks_exact(width));
+        for (y, ((disparity, cost), candidates)) in rows.zip(candidates.chunks_exact_mut(width)).enumerate() {
+            let inner = lent[REACH_PX..REACH_PX + width].iter_mut();
+            for (lent, (disparity, cost)) in inner.zip(disparity.iter().zip(cost)) {
+                let good = u16::from(*cost < GOOD_BELOW).wrapping_neg();
+                *lent = (*disparity).min(found.max_fixed) | !good;
+            }
+            // Each step takes what lies `step` away: after these, from up to 1, 3, 7 and 8 away, the nearest first.
+            for step in [1, 2, 4, 1] {
+                let shift = match from {
+                    From::Left => REACH_PX - step,
+                    From::Right => REACH_PX + step,
+                };
+                let (here, there) = (&lent[REACH_PX..][..width], &lent[shift..][..width]);
+                for (next, (here, there)) in next[REACH_PX..].iter_mut().zip(here.iter().zip(there)) {
+                    *next = if *here == NONE { *there } else { *here };
+                }
+                std::mem::swap(&mut lent, &mut next);
+            }
+            let inner = &lent[REACH_PX..REACH_PX + width];
+            for (block, candidates) in candidates.chunks_mut(64).enumerate() {
+                let x = block * 64;
+                let n = candidates.len();
+                let (own, cost, lent) = (&disparity[x..x + n], &cost[x..x + n], &inner[x..x + n]);
+                let mut borrowers = 0;
+                for k in 0..n {
+                    let lends = lent[k] != NONE;
+                    borrowers += u8::from(lends & (cost[k] >= GOOD_BELOW));
+                    let own = own[k].min(found.max_fixed);
+                    candidates[k] = if lends { lent[k] } else { own };
+                }
+                if borrowers > 0 {
+                    changes.mark(y, x, x);
                 }
             }
         }
-        From::Above | From::Below => {
-            let mut lenders = vec![Lender::default(); width];
-            let mut visit = |y: usize| {
-                for (x, lender) in lenders.iter_mut().enumerate() {
-                    let at = y * width + x;
-                    candidates[at] = lender.visit(disparity[at], cost[at]);
-                }
-            };
-            let height = disparity.len() / width;
-            if from == From::Above {
-                (0..height).for_each(&mut visit)
-            } else {
-                (0..height).rev().for_each(&mut visit)
-            }
-        }
-    }
-}
-
-/// The last good pixel on the way.
-#[derive(Debug, Clone, Copy, Default)]
-struct Lender {
-    disparity: u16,
-    /// Steps it can still go.
-    left: u8,
-}
-
-impl Lender {
-    fn visit(&mut self, disparity: u16, cost: u8) -> u16 {
-        if cost < GOOD_BELOW {
-            *self = Self {
-                disparity,
-                left: REACH_PX,
-            };
-        } else if self.left > 0 {
-            self.left -= 1;
-        } else {
-            self.disparity = disparity;
-        }
-        self.disparity
     }
 }
 

@@ -1,5 +1,6 @@
 //! Writes a rung's result: disparities of the pixels asked for, their confidence, and what is known about the whole.
 
+use crate::confidence::CostScale;
 use crate::disparity::{DisparityMap, FIXED_PER_PX};
 use crate::frame::Window;
 use crate::image::{Roi, Shape};
@@ -13,8 +14,15 @@ pub(crate) struct Maps<'a> {
     pub(crate) mask: &'a [u8],
     pub(crate) interpolated: &'a [u16],
     pub(crate) disparity: &'a [u16],
-    /// 0 where `disparity` is not validated.
-    pub(crate) confidence: &'a [u8],
+    pub(crate) confidence: Confidence<'a>,
+}
+
+/// The confidence of every pixel; 0 where its disparity is not validated.
+#[derive(Debug, Clone, Copy)]
+pub(crate) enum Confidence<'a> {
+    Known(&'a [u8]),
+    /// What these costs are worth.
+    OfCosts(CostScale, &'a [u8]),
 }
 
 /// What was published.
@@ -84,7 +92,10 @@ impl Kernel for Publish<'_> {
                 mask: &maps.mask[span.clone()],
                 interpolated: &maps.interpolated[span.clone()],
                 disparity: &maps.disparity[span.clone()],
-                confidence: &maps.confidence[span],
+                confidence: match maps.confidence {
+                    Confidence::Known(map) => Confidence::Known(&map[span]),
+                    Confidence::OfCosts(scale, map) => Confidence::OfCosts(scale, &map[span]),
+                },
             };
             let counts = rule.write_row(
                 &row,
@@ -107,7 +118,7 @@ struct Row<'a> {
     mask: &'a [u8],
     interpolated: &'a [u16],
     disparity: &'a [u16],
-    confidence: &'a [u8],
+    confidence: Confidence<'a>,
 }
 
 #[derive(Default)]
@@ -126,29 +137,86 @@ struct Rule {
     offset: u16,
 }
 
+/// Pixels of one block: plain loops over arrays of this length become vector code.
+const BLOCK: usize = 64;
+
+/// Counts of a row, one for each place in a block. No row has more than 64 blocks.
+struct Tally {
+    asked: [u8; BLOCK],
+    answered: [u8; BLOCK],
+    textured: [u8; BLOCK],
+    confidence: [u16; BLOCK],
+}
+
 impl Rule {
     #[inline(always)]
     fn write_row(&self, row: &Row<'_>, fixed: &mut [u16], confidence: &mut [u8]) -> Counts {
-        let width = fixed.len();
-        let (mask, sure) = (&row.mask[..width], &row.confidence[..width]);
-        let (interpolated, disparity) = (&row.interpolated[..width], &row.disparity[..width]);
-        let confidence = &mut confidence[..width];
-        let mut counts = Counts::default();
-        for x in 0..width {
-            let valid = u8::from(sure[x] > 0);
+        let mut tally = Tally {
+            asked: [0; BLOCK],
+            answered: [0; BLOCK],
+            textured: [0; BLOCK],
+            confidence: [0; BLOCK],
+        };
+        for x in (0..fixed.len()).step_by(BLOCK) {
+            let n = BLOCK.min(fixed.len() - x);
+            let block = Block {
+                mask: &row.mask[x..x + n],
+                interpolated: &row.interpolated[x..x + n],
+                disparity: &row.disparity[x..x + n],
+                fixed: &mut fixed[x..x + n],
+                confidence: &mut confidence[x..x + n],
+            };
+            match row.confidence {
+                Confidence::Known(map) => block.confidence.copy_from_slice(&map[x..x + n]),
+                Confidence::OfCosts(scale, costs) => scale.rate(&costs[x..x + n], block.confidence),
+            }
+            if n == BLOCK {
+                self.write(block, BLOCK, &mut tally);
+            } else {
+                self.write(block, n, &mut tally);
+            }
+        }
+        let sum = |counts: &[u8]| counts.iter().copied().map(u32::from).sum();
+        Counts {
+            asked: sum(&tally.asked),
+            answered: sum(&tally.answered),
+            textured: sum(&tally.textured),
+            confidence: tally.confidence.iter().copied().map(u32::from).sum(),
+        }
+    }
+
+    #[inline(always)]
+    fn write(&self, block: Block<'_>, n: usize, tally: &mut Tally) {
+        let (mask, fixed, confidence) = (
+            &block.mask[..n],
+            &mut block.fixed[..n],
+            &mut block.confidence[..n],
+        );
+        let (interpolated, disparity) = (&block.interpolated[..n], &block.disparity[..n]);
+        for x in 0..n {
+            let sure = confidence[x];
+            let valid = u8::from(sure > 0);
             let wanted = mask[x] | self.everything;
-            let kept = wanted & (valid | self.everything) & u8::from(sure[x] >= self.least_confidence);
-            confidence[x] = sure[x] & kept.wrapping_neg();
-            counts.asked += u32::from(wanted);
-            counts.answered += u32::from(kept);
-            counts.textured += u32::from(mask[x]);
-            counts.confidence += u32::from(sure[x] & mask[x].wrapping_neg());
+            let kept = wanted & (valid | self.everything) & u8::from(sure >= self.least_confidence);
+            confidence[x] = sure & kept.wrapping_neg();
+            tally.asked[x] += wanted;
+            tally.answered[x] += kept;
+            tally.textured[x] += mask[x];
+            tally.confidence[x] += u16::from(sure & mask[x].wrapping_neg());
             let valid = u16::from(valid).wrapping_neg();
             let value = (disparity[x] & valid) | (interpolated[x] & !valid);
             fixed[x] = (value + self.offset).max(1) & u16::from(kept).wrapping_neg();
         }
-        counts
     }
+}
+
+/// Some pixels of a row; `confidence` holds what is known of them and then what is published.
+struct Block<'a> {
+    mask: &'a [u8],
+    interpolated: &'a [u16],
+    disparity: &'a [u16],
+    fixed: &'a mut [u16],
+    confidence: &'a mut [u8],
 }
 
 fn share(part: u32, whole: u32) -> f32 {

@@ -84,7 +84,8 @@ impl Image {
     pub(crate) fn padded(&self, margin_left: usize, margin_right: usize) -> Plane {
         let mut plane = Plane::default();
         plane.reshape(self.width, self.height, margin_left, margin_right);
-        plane.copy_from(&self.view(), 0, 0);
+        let rows = 0..plane.padded_height();
+        plane.copy_from(&self.view(), (0, 0), rows);
         plane
     }
 }
@@ -108,7 +109,8 @@ impl Views {
         let prepare = |image: &Image, margins: [usize; 2], mirrored: bool| {
             let (mut plane, mut census) = (Plane::default(), Census::default());
             plane.reshape(width, image.height, margins[0], margins[1]);
-            plane.copy_from(&image.view(), x.cast_signed(), 0);
+            let rows = 0..plane.padded_height();
+            plane.copy_from(&image.view(), (x.cast_signed(), 0), rows);
             census.reshape(pattern, &plane, mirrored);
             let end = (image.width + margins[0] - x).min(plane.stride());
             census.compute(

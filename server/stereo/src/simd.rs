@@ -15,7 +15,7 @@ mod lanes;
 mod neon;
 mod scalar;
 
-pub(crate) use lanes::{LABELS, Lanes};
+pub(crate) use lanes::{LABELS, Lanes, MOST_BYTES};
 
 /// Proof that this machine can run the kernels of a level.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]

@@ -23,6 +23,8 @@ pub(crate) struct Support {
 
 /// Least |gx| / 4 of a candidate.
 const MIN_STRENGTH: u8 = 4;
+/// Unexplained pixels that make a cell worth a search.
+const UNEXPLAINED_PX: usize = 8;
 /// Candidates keep this distance from the border, so that every tap sees real pixels.
 pub(crate) const BORDER_PX: usize = 4;
 
@@ -39,7 +41,7 @@ pub(crate) struct Unexplained<'a> {
 /// gradient, in snake order of the cells: neighbours in the list are neighbours in the image, which is what incremental
 /// triangulation likes.
 ///
-/// With `unexplained`, only those pixels count, and only cells with at least `cell_px / 2` of them. This is the paper's
+/// With `unexplained`, only those pixels count, and only cells with at least [`UNEXPLAINED_PX`] of them. This is the paper's
 /// C_b with another choice within the cell: the pixel that can be matched best, not the one that matches worst.
 pub(crate) fn strongest_per_cell(
     level: Level,
@@ -79,7 +81,7 @@ impl Kernel for Strongest<'_> {
             found,
         } = self;
         found.clear();
-        let enough = if unexplained.is_some() { cell_px / 2 } else { 1 };
+        let enough = if unexplained.is_some() { UNEXPLAINED_PX } else { 1 };
         // For every column of a row of cells: strength of the best pixel with, below it, how early its row comes; and how
         // many pixels are eligible. Whole rows at a time, so that there is nothing to decide pixel by pixel.
         let (mut best, mut eligible) = (vec![0u16; width], vec![0u8; width]);

@@ -47,15 +47,20 @@ impl Scene {
         Self::new(Pattern::Sparse9x7, [left, right], (0, left.width), DISPARITIES)
     }
 
-    fn find(&self, search: &Search, x: usize, y: usize) -> Option<f32> {
-        let views = Views {
+    fn views(&self) -> Views<'_> {
+        Views {
             pattern: self.pattern,
             left: &self.codes.left,
             right: &self.codes.right,
             width: self.width,
             disparities: self.disparities,
             columns_before: self.columns_before,
-        };
+            near: None,
+        }
+    }
+
+    fn find(&self, search: &Search, x: usize, y: usize) -> Option<f32> {
+        let views = self.views();
         let mut found = Vec::new();
         search.search(Level::detect(), &views, &[Candidate { x, y }], &mut found);
         found.first().map(|support| support.disparity_px)
@@ -243,4 +248,31 @@ proptest! {
             }
         }
     }
+}
+
+#[test]
+fn near_a_map_only_what_it_says_is_searched() {
+    let left = Image::noise(&mut Noise::new(5), 300, 40, 256);
+    let right = left.seen_from_the_right(|_, _| 90);
+    let scene = Scene::new(Pattern::Sparse9x7, [&left, &right], (0, 300), 128);
+    let found = |fixed: u16| {
+        let map = vec![fixed; 300 * 40];
+        let views = Views {
+            near: Some(&map),
+            ..scene.views()
+        };
+        let mut found = Vec::new();
+        STRICT.search(
+            Level::detect(),
+            &views,
+            &[Candidate { x: 250, y: 20 }],
+            &mut found,
+        );
+        found.first().map(|support| support.disparity_px.round())
+    };
+    // 64 disparities around the map's.
+    assert_eq!(
+        [60 * 64, 121 * 64, 57 * 64, 10 * 64].map(found),
+        [Some(90.0), Some(90.0), None, None]
+    );
 }

@@ -1,11 +1,11 @@
 //! The stages of the mesh rungs: choose, search, insert, interpolate, propagate, evaluate.
 
-use std::sync::Mutex;
-
 use super::{Frame, Stage, dense};
-use crate::cost::{Best, Evaluation};
+use crate::changes::STRIP_PX;
+use crate::cost::{Best, Evaluation, Scratch};
+use crate::disparity::FIXED_PER_PX;
 use crate::epipolar::Views;
-use crate::fork_join::ForkJoin;
+use crate::fork_join::{self, ForkJoin};
 use crate::ladder::{Detector, Recipe, Rung, Work};
 use crate::paper::Iteration;
 use crate::propagate::{self, From};
@@ -19,7 +19,11 @@ const INSERTIONS_A_STEP: usize = 512;
 /// Pixels evaluated in one step.
 const PIXELS_A_STEP: usize = 65_536;
 /// Propagation passes of a rung.
-const PASSES: [From; 4] = [From::Left, From::Right, From::Above, From::Below];
+const PASSES: [From; 2] = [From::Left, From::Right];
+/// Supports this far from the mesh, in px, are news to it.
+const NEWS_PX: f32 = 2.0;
+/// A window's reach around its pixel, at most.
+const WINDOW_REACH_PX: usize = 3;
 
 impl Frame {
     /// Fills `candidates`.
@@ -72,6 +76,8 @@ impl Frame {
             width: self.window.roi.width,
             disparities: self.window.disparities,
             columns_before: self.window.roi.x.cast_signed() - self.window.min_disparity_px.cast_signed(),
+            near: (self.rasterised_vertices > 0 && recipe.consistency.is_some())
+                .then_some(&self.interpolated[..]),
         };
         let end = (next + SEARCHES_A_STEP).min(self.candidates.len());
         recipe
@@ -82,6 +88,15 @@ impl Frame {
         }
         if let Some(consistency) = recipe.consistency {
             consistency.retain(&mut self.fresh, &self.supports, &mut self.buckets);
+            // What was tried need not be tried again, and what the mesh says already changes nothing.
+            self.gradient.forget(&self.candidates);
+            if self.rasterised_vertices > 0 {
+                let (map, width) = (&self.interpolated, self.window.roi.width);
+                self.fresh.retain(|support| {
+                    let expected = f32::from(map[support.y * width + support.x]) / f32::from(FIXED_PER_PX);
+                    (support.disparity_px - expected).abs() >= NEWS_PX
+                });
+            }
         }
         Stage::Insert { next: 0 }
     }
@@ -108,7 +123,22 @@ impl Frame {
         let (width, max_fixed) = (self.width(), self.window.max_fixed());
         let changed = self.triangulation.triangles_from(self.rasterised_vertices);
         let changed = changed.map(|triangle| triangle.vertices);
-        interpolate::fill(self.level, &mut self.interpolated, width, changed, max_fixed);
+        self.changes.reset(self.window.roi.height);
+        let changes = &mut self.changes;
+        interpolate::fill_reporting(
+            self.level,
+            &mut self.interpolated,
+            width,
+            changed,
+            max_fixed,
+            |y, from, to| {
+                changes.mark(
+                    y,
+                    from.saturating_sub(WINDOW_REACH_PX),
+                    (to + WINDOW_REACH_PX).min(width - 1),
+                );
+            },
+        );
         self.rasterised_vertices = self.triangulation.vertices();
         if let Work::Paper { occupancy_px } = rung.work {
             self.occupancy.reset(occupancy_px, self.width(), self.height());
@@ -118,19 +148,22 @@ impl Frame {
 
     /// Makes the candidates of a propagation pass.
     pub(super) fn propagate(&mut self, pass: usize) -> Stage {
-        let width = self.width();
+        self.changes.reset(self.height());
+        let found = propagate::Found {
+            width: self.window.roi.width,
+            disparity: &self.disparity,
+            cost: &self.cost,
+            // The evaluation may end one above what it tries: lent from pass to pass, that would leave the range.
+            max_fixed: self.window.max_fixed(),
+        };
         propagate::candidates(
+            self.level,
             PASSES[pass],
-            width,
-            &self.disparity,
-            &self.cost,
+            found,
             &mut self.proposed,
+            &mut self.changes,
+            &mut self.lending,
         );
-        // The evaluation may end one above what it tries: lent from pass to pass, that would leave the range.
-        let max_fixed = self.window.max_fixed();
-        for fixed in &mut self.proposed {
-            *fixed = max_fixed.min(*fixed);
-        }
         Stage::Evaluate { row: 0, pass }
     }
 
@@ -144,7 +177,7 @@ impl Frame {
         join: &dyn ForkJoin,
     ) -> Option<Stage> {
         let (width, height) = (self.width(), self.height());
-        let end = (row + (PIXELS_A_STEP / width).max(16)).min(height);
+        let end = (row + (PIXELS_A_STEP / width).next_multiple_of(STRIP_PX)).min(height);
         let band = row * width..end * width;
         let (disparity, cost) = (&mut self.disparity[band.clone()], &mut self.cost[band]);
         match rung.work {
@@ -175,25 +208,31 @@ impl Frame {
                     height,
                     window: rung.window,
                 };
-                let pieces = join.threads().clamp(1, end - row);
+                let pieces = fork_join::pieces(join);
                 if self.scratch.len() < pieces {
-                    self.scratch.resize_with(pieces, Mutex::default);
+                    self.scratch.resize_with(pieces, Scratch::default);
                 }
-                let rows = (end - row).div_ceil(pieces);
-                let parts = disparity
-                    .chunks_mut(rows * width)
-                    .zip(cost.chunks_mut(rows * width));
-                let parts: Vec<_> = parts.map(|part| Mutex::new(Some(part))).collect();
-                join.run(parts.len(), &|piece| {
-                    let part = parts[piece].lock().ok().and_then(|mut part| part.take());
-                    if let (Some((disparity, cost)), Ok(mut scratch)) = (part, self.scratch[piece].lock()) {
-                        let (first, mut best) = (row + piece * rows, Best { disparity, cost });
-                        if rung.work == Work::Full {
-                            evaluation.correct(first, &mut best, &mut scratch);
-                        } else {
-                            evaluation.update(first, &mut best, &mut scratch);
-                        }
+                let rows = (end - row).div_ceil(pieces).next_multiple_of(STRIP_PX);
+                let parts = disparity.chunks_mut(rows * width);
+                let parts = parts.zip(cost.chunks_mut(rows * width)).zip(&mut self.scratch);
+                let (changes, is_full) = (&self.changes, rung.work == Work::Full);
+                fork_join::for_each(join, parts, |piece, ((disparity, cost), scratch)| {
+                    let first = row + piece * rows;
+                    if is_full {
+                        evaluation.correct(first, &mut Best { disparity, cost }, scratch);
+                        return;
                     }
+                    // A window sees what changed next to it; a pixel that borrows is tested itself, no other.
+                    let reach = if is_mesh { WINDOW_REACH_PX } else { 0 };
+                    let end = first + cost.len() / width;
+                    changes.areas(first..end, width, reach, |rows, columns| {
+                        let span = (rows.start - first) * width..(rows.end - first) * width;
+                        let mut best = Best {
+                            disparity: &mut disparity[span.clone()],
+                            cost: &mut cost[span],
+                        };
+                        evaluation.update(rows.start, columns, &mut best, scratch);
+                    });
                 });
             }
         }

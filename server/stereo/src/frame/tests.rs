@@ -31,7 +31,7 @@ fn disparities_stay_within_the_range_where_the_scene_leaves_it() {
         frame.begin(
             StereoPair::new(left.view(), right.view()).unwrap(),
             recipe,
-            &mut |_| (),
+            &Serial,
         );
         for rung in recipe.rungs {
             let mut stage = Some(Stage::Choose);

@@ -19,7 +19,11 @@ fn correlate(image: &Image, kernel: [[i32; 3]; 3], x: usize, y: usize) -> i32 {
 fn gradient(image: &Image) -> Gradient {
     let mut gradient = Gradient::default();
     gradient.reshape(image.width, image.height);
-    gradient.compute(Level::detect(), &image.padded(MARGIN_X, MARGIN_X));
+    gradient.compute(
+        Level::detect(),
+        &image.padded(MARGIN_X, MARGIN_X),
+        0..image.height,
+    );
     gradient
 }
 

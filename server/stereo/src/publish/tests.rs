@@ -1,6 +1,6 @@
 use proptest::prelude::*;
 
-use super::{Maps, Published, publish};
+use super::{Confidence, Maps, Published, publish};
 use crate::disparity::DisparityMap;
 use crate::frame::Window;
 use crate::image::{Roi, Shape};
@@ -46,7 +46,7 @@ impl Scene {
             mask: &self.mask,
             interpolated: &self.interpolated,
             disparity: &self.disparity,
-            confidence: &self.confidence,
+            confidence: Confidence::Known(&self.confidence),
         };
         // What another frame has left behind.
         let mut out = DisparityMap::new(self.shape);
@@ -130,7 +130,7 @@ fn a_map_of_another_shape_takes_the_shape_of_the_result() {
         mask: &scene.mask,
         interpolated: &scene.interpolated,
         disparity: &scene.disparity,
-        confidence: &scene.confidence,
+        confidence: Confidence::Known(&scene.confidence),
     };
     let mut out = DisparityMap::new(Shape::new(33, 99).unwrap());
     publish(Level::detect(), &maps, scene.shape, &Params::default(), &mut out);

@@ -1,13 +1,15 @@
 //! AVX2: two pixels a vector.
 
 use std::arch::x86_64::{
-    __m256i, _mm_loadu_si128, _mm_storeu_si128, _mm256_add_epi8, _mm256_add_epi16, _mm256_adds_epu8,
-    _mm256_and_si256, _mm256_avg_epu8, _mm256_broadcastsi128_si256, _mm256_bslli_epi128, _mm256_bsrli_epi128,
-    _mm256_castsi256_si128, _mm256_cmpeq_epi8, _mm256_cvtepu8_epi16, _mm256_extracti128_si256,
-    _mm256_loadu_si256, _mm256_max_epu8, _mm256_min_epu8, _mm256_min_epu16, _mm256_or_si256,
-    _mm256_set_m128i, _mm256_set1_epi8, _mm256_set1_epi16, _mm256_setr_epi8, _mm256_setr_epi16,
-    _mm256_shuffle_epi8, _mm256_shuffle_epi32, _mm256_slli_epi16, _mm256_srli_epi16, _mm256_storeu_si256,
-    _mm256_sub_epi8, _mm256_subs_epu8, _mm256_xor_si256,
+    __m256i, _mm_cvtsi128_si32, _mm_loadu_si128, _mm_min_epu16, _mm_minpos_epu16, _mm_storeu_si128,
+    _mm256_add_epi8, _mm256_add_epi16, _mm256_adds_epu8, _mm256_and_si256, _mm256_avg_epu8,
+    _mm256_blendv_epi8, _mm256_broadcastsi128_si256, _mm256_bslli_epi128, _mm256_bsrli_epi128,
+    _mm256_castsi256_si128, _mm256_cmpeq_epi8, _mm256_cmpeq_epi16, _mm256_cvtepu8_epi16,
+    _mm256_extracti128_si256, _mm256_loadu_si256, _mm256_max_epu8, _mm256_max_epu16, _mm256_min_epu8,
+    _mm256_min_epu16, _mm256_movemask_epi8, _mm256_or_si256, _mm256_permute2x128_si256, _mm256_set_m128i,
+    _mm256_set1_epi8, _mm256_set1_epi16, _mm256_setr_epi8, _mm256_setr_epi16, _mm256_shuffle_epi8,
+    _mm256_shuffle_epi32, _mm256_slli_epi16, _mm256_srli_epi16, _mm256_storeu_si256, _mm256_sub_epi8,
+    _mm256_subs_epu8, _mm256_xor_si256,
 };
 
 use super::Kernel;
@@ -121,10 +123,36 @@ impl Lanes for Avx2 {
     intrinsic!(add_saturating, _mm256_adds_epu8);
     intrinsic!(sub_saturating, _mm256_subs_epu8);
     intrinsic!(max, _mm256_max_epu8);
+    intrinsic!(min, _mm256_min_epu8);
     intrinsic!(average, _mm256_avg_epu8);
     intrinsic!(equal, _mm256_cmpeq_epi8);
     intrinsic!(and, _mm256_and_si256);
     intrinsic!(xor, _mm256_xor_si256);
+
+    #[inline(always)]
+    fn select(self, mask: __m256i, then: __m256i, otherwise: __m256i) -> __m256i {
+        // SAFETY: `self` proves that AVX2 is there.
+        unsafe { _mm256_blendv_epi8(otherwise, then, mask) }
+    }
+
+    #[inline(always)]
+    fn reverse(self, v: __m256i) -> __m256i {
+        // SAFETY: `self` proves that AVX2 is there.
+        unsafe {
+            let backwards = _mm256_setr_epi8(
+                15, 14, 13, 12, 11, 10, 9, 8, 7, 6, 5, 4, 3, 2, 1, 0, 15, 14, 13, 12, 11, 10, 9, 8, 7, 6, 5,
+                4, 3, 2, 1, 0,
+            );
+            let lanes = _mm256_shuffle_epi8(v, backwards);
+            _mm256_permute2x128_si256::<0x01>(lanes, lanes)
+        }
+    }
+
+    #[inline(always)]
+    fn halve(self, v: __m256i) -> __m256i {
+        // SAFETY: `self` proves that AVX2 is there.
+        unsafe { _mm256_and_si256(_mm256_srli_epi16::<1>(v), _mm256_set1_epi8(0x7F)) }
+    }
 
     #[inline(always)]
     fn count_ones(self, v: __m256i) -> __m256i {
@@ -212,4 +240,59 @@ impl Lanes for Avx2 {
             _mm256_storeu_si256(keys.as_mut_ptr().cast(), _mm256_min_epu16(old, new));
         }
     }
+
+    #[inline(always)]
+    fn least_and_most(self, values: &[u16]) -> (u16, u16) {
+        let values = &values[..Self::BYTES];
+        // SAFETY: `self` proves that AVX2 is there; the slice has as many values as are read.
+        unsafe {
+            let a = _mm256_loadu_si256(values.as_ptr().cast());
+            let b = _mm256_loadu_si256(values[LABELS..].as_ptr().cast());
+            (
+                least_of_16(_mm256_min_epu16(a, b)),
+                most_of_16(_mm256_max_epu16(a, b)),
+            )
+        }
+    }
+
+    #[inline(always)]
+    fn first_least(self, values: &[u16]) -> (u16, usize) {
+        let blocks = values.as_chunks::<LABELS>().0;
+        // SAFETY: `self` proves that AVX2 is there; every block has as many values as are read.
+        unsafe {
+            let mut least = _mm256_set1_epi16(-1);
+            for block in blocks {
+                least = _mm256_min_epu16(least, _mm256_loadu_si256(block.as_ptr().cast()));
+            }
+            let least = least_of_16(least);
+            let wanted = _mm256_set1_epi16(least.cast_signed());
+            for (k, block) in blocks.iter().enumerate() {
+                let equal = _mm256_cmpeq_epi16(_mm256_loadu_si256(block.as_ptr().cast()), wanted);
+                let bits = _mm256_movemask_epi8(equal);
+                if bits != 0 {
+                    return (least, k * LABELS + bits.trailing_zeros() as usize / 2);
+                }
+            }
+            (least, 0)
+        }
+    }
+}
+
+/// The least of the 16 values of a vector.
+#[inline(always)]
+#[expect(clippy::cast_possible_truncation, reason = "16 bits of 32 hold the value")]
+#[expect(clippy::cast_sign_loss, reason = "bits are kept as they are")]
+pub(super) unsafe fn least_of_16(v: __m256i) -> u16 {
+    // SAFETY: callers have AVX2.
+    unsafe {
+        let eight = _mm_min_epu16(_mm256_castsi256_si128(v), _mm256_extracti128_si256::<1>(v));
+        _mm_cvtsi128_si32(_mm_minpos_epu16(eight)) as u16
+    }
+}
+
+/// The largest of the 16 values of a vector.
+#[inline(always)]
+pub(super) unsafe fn most_of_16(v: __m256i) -> u16 {
+    // SAFETY: callers have AVX2.
+    unsafe { !least_of_16(_mm256_xor_si256(v, _mm256_set1_epi16(-1))) }
 }

@@ -2,18 +2,22 @@
 
 use std::arch::x86_64::{
     __m512i, _mm_loadu_si128, _mm_storeu_si128, _mm256_add_epi16, _mm256_cvtepu8_epi16, _mm256_loadu_si256,
-    _mm256_min_epu16, _mm256_or_si256, _mm256_set1_epi16, _mm256_setr_epi16, _mm256_slli_epi16,
-    _mm256_storeu_si256, _mm512_add_epi8, _mm512_add_epi32, _mm512_adds_epu8, _mm512_and_si512,
-    _mm512_avg_epu8, _mm512_bslli_epi128, _mm512_bsrli_epi128, _mm512_castsi128_si512,
-    _mm512_castsi512_si128, _mm512_cmpeq_epi8_mask, _mm512_cmplt_epu8_mask, _mm512_extracti32x4_epi32,
-    _mm512_inserti32x4, _mm512_loadu_si512, _mm512_mask_cvtepi32_storeu_epi16, _mm512_maskz_shuffle_epi8,
-    _mm512_max_epi32, _mm512_max_epu8, _mm512_min_epi32, _mm512_movm_epi8, _mm512_mullo_epi32,
-    _mm512_permutex2var_epi8, _mm512_popcnt_epi8, _mm512_rol_epi32, _mm512_set1_epi8, _mm512_set1_epi32,
-    _mm512_setr_epi32, _mm512_setzero_si512, _mm512_shuffle_epi8, _mm512_shuffle_epi32, _mm512_srli_epi32,
-    _mm512_storeu_si512, _mm512_sub_epi8, _mm512_subs_epu8, _mm512_xor_si512,
+    _mm256_max_epu16, _mm256_min_epu16, _mm256_or_si256, _mm256_set1_epi16, _mm256_setr_epi16,
+    _mm256_slli_epi16, _mm256_storeu_si256, _mm512_add_epi8, _mm512_add_epi32, _mm512_adds_epu8,
+    _mm512_and_si512, _mm512_avg_epu8, _mm512_bslli_epi128, _mm512_bsrli_epi128, _mm512_castsi128_si512,
+    _mm512_castsi512_si128, _mm512_castsi512_si256, _mm512_cmpeq_epi8_mask, _mm512_cmpeq_epi16_mask,
+    _mm512_cmpgt_epu8_mask, _mm512_cmplt_epu8_mask, _mm512_extracti32x4_epi32, _mm512_extracti64x4_epi64,
+    _mm512_inserti32x4, _mm512_loadu_si512, _mm512_mask_add_epi8, _mm512_mask_cvtepi32_storeu_epi16,
+    _mm512_maskz_shuffle_epi8, _mm512_max_epi32, _mm512_max_epu8, _mm512_max_epu16, _mm512_min_epi32,
+    _mm512_min_epu8, _mm512_min_epu16, _mm512_movm_epi8, _mm512_mullo_epi32, _mm512_permutex2var_epi8,
+    _mm512_permutexvar_epi8, _mm512_popcnt_epi8, _mm512_rol_epi32, _mm512_set1_epi8, _mm512_set1_epi16,
+    _mm512_set1_epi32, _mm512_setr_epi32, _mm512_setzero_si512, _mm512_shuffle_epi8, _mm512_shuffle_epi32,
+    _mm512_srli_epi16, _mm512_srli_epi32, _mm512_storeu_si512, _mm512_sub_epi8, _mm512_subs_epu8,
+    _mm512_ternarylogic_epi64, _mm512_xor_si512,
 };
 
 use super::Kernel;
+use super::avx2::{least_of_16, most_of_16};
 use super::lanes::{LABELS, Lanes};
 
 /// Whether this machine has the instructions `run` is compiled for.
@@ -43,6 +47,17 @@ pub(super) struct Avx512(());
 /// Byte k of a lane: `k % 16`, and the lane of byte k: `k / 16`.
 const ASCENDING: [u8; 64] = bytes(false);
 const LANE: [u8; 64] = bytes(true);
+
+/// Byte k: `63 - k`.
+const DESCENDING: [u8; 64] = {
+    let mut bytes = [0; 64];
+    let mut k = 0;
+    while k < 63 {
+        bytes[62 - k] = bytes[63 - k] + 1;
+        k += 1;
+    }
+    bytes
+};
 
 #[expect(clippy::cast_possible_truncation, reason = "below 16")]
 const fn bytes(lane: bool) -> [u8; 64] {
@@ -137,9 +152,34 @@ impl Lanes for Avx512 {
     intrinsic!(add_saturating, _mm512_adds_epu8);
     intrinsic!(sub_saturating, _mm512_subs_epu8);
     intrinsic!(max, _mm512_max_epu8);
+    intrinsic!(min, _mm512_min_epu8);
     intrinsic!(average, _mm512_avg_epu8);
     intrinsic!(and, _mm512_and_si512);
     intrinsic!(xor, _mm512_xor_si512);
+
+    #[inline(always)]
+    fn select(self, mask: __m512i, then: __m512i, otherwise: __m512i) -> __m512i {
+        // SAFETY: `self` proves that AVX-512 is there. 0xCA: where the first bit is set the second, else the third.
+        unsafe { _mm512_ternarylogic_epi64::<0xCA>(mask, then, otherwise) }
+    }
+
+    #[inline(always)]
+    fn reverse(self, v: __m512i) -> __m512i {
+        // SAFETY: `self` proves that AVX-512 is there.
+        unsafe { _mm512_permutexvar_epi8(self.load(&DESCENDING), v) }
+    }
+
+    #[inline(always)]
+    fn add_where_more(self, v: __m512i, bit: u8, a: __m512i, b: __m512i) -> __m512i {
+        // SAFETY: `self` proves that AVX-512 is there.
+        unsafe { _mm512_mask_add_epi8(v, _mm512_cmpgt_epu8_mask(a, b), v, self.splat(bit)) }
+    }
+
+    #[inline(always)]
+    fn halve(self, v: __m512i) -> __m512i {
+        // SAFETY: `self` proves that AVX-512 is there.
+        unsafe { _mm512_and_si512(_mm512_srli_epi16::<1>(v), _mm512_set1_epi8(0x7F)) }
+    }
 
     #[inline(always)]
     fn count_ones(self, v: __m512i) -> __m512i {
@@ -226,6 +266,49 @@ impl Lanes for Avx512 {
             let new = _mm256_or_si256(_mm256_slli_epi16::<8>(sums), labels);
             let old = _mm256_loadu_si256(keys.as_ptr().cast());
             _mm256_storeu_si256(keys.as_mut_ptr().cast(), _mm256_min_epu16(old, new));
+        }
+    }
+
+    #[inline(always)]
+    fn least_and_most(self, values: &[u16]) -> (u16, u16) {
+        let values = &values[..Self::BYTES];
+        // SAFETY: `self` proves that AVX-512 is there; the slice has as many values as are read.
+        unsafe {
+            let a = _mm512_loadu_si512(values.as_ptr().cast());
+            let b = _mm512_loadu_si512(values[32..].as_ptr().cast());
+            let (least, most) = (_mm512_min_epu16(a, b), _mm512_max_epu16(a, b));
+            let (low, high) = (
+                _mm512_castsi512_si256(least),
+                _mm512_extracti64x4_epi64::<1>(least),
+            );
+            let least = least_of_16(_mm256_min_epu16(low, high));
+            let (low, high) = (_mm512_castsi512_si256(most), _mm512_extracti64x4_epi64::<1>(most));
+            (least, most_of_16(_mm256_max_epu16(low, high)))
+        }
+    }
+
+    #[inline(always)]
+    fn first_least(self, values: &[u16]) -> (u16, usize) {
+        let blocks = values.as_chunks::<32>().0;
+        // SAFETY: `self` proves that AVX-512 is there; every block has as many values as are read.
+        unsafe {
+            let mut least = _mm512_set1_epi16(-1);
+            for block in blocks {
+                least = _mm512_min_epu16(least, _mm512_loadu_si512(block.as_ptr().cast()));
+            }
+            let (low, high) = (
+                _mm512_castsi512_si256(least),
+                _mm512_extracti64x4_epi64::<1>(least),
+            );
+            let least = least_of_16(_mm256_min_epu16(low, high));
+            let wanted = _mm512_set1_epi16(least.cast_signed());
+            for (k, block) in blocks.iter().enumerate() {
+                let equal = _mm512_cmpeq_epi16_mask(_mm512_loadu_si512(block.as_ptr().cast()), wanted);
+                if equal != 0 {
+                    return (least, k * 32 + equal.trailing_zeros() as usize);
+                }
+            }
+            (least, 0)
         }
     }
 }

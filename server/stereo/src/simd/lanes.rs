@@ -2,6 +2,8 @@
 
 /// Labels (disparities) of a pixel: one byte each, one 128-bit lane together.
 pub(crate) const LABELS: usize = 16;
+/// Bytes of the widest vector there is.
+pub(crate) const MOST_BYTES: usize = 64;
 
 /// Vectors of [`LABELS`] bytes for each of `PIXELS` pixels. An implementor's value is the proof that its instructions exist.
 pub(crate) trait Lanes: Copy {
@@ -37,16 +39,27 @@ pub(crate) trait Lanes: Copy {
     fn sub_saturating(self, a: Self::V, b: Self::V) -> Self::V;
     /// The larger of each two.
     fn max(self, a: Self::V, b: Self::V) -> Self::V;
+    /// The smaller of each two.
+    fn min(self, a: Self::V, b: Self::V) -> Self::V;
     /// Mean of each two, halves rounded up.
     fn average(self, a: Self::V, b: Self::V) -> Self::V;
     /// All ones where two bytes are equal, else 0.
     fn equal(self, a: Self::V, b: Self::V) -> Self::V;
     /// Bitwise and.
     fn and(self, a: Self::V, b: Self::V) -> Self::V;
+    /// Bytes of `then` where `mask` is all ones, of `otherwise` where it is 0.
+    fn select(self, mask: Self::V, then: Self::V, otherwise: Self::V) -> Self::V;
+    /// Half of every byte, rounded down.
+    fn halve(self, v: Self::V) -> Self::V;
     /// Exclusive or.
     fn xor(self, a: Self::V, b: Self::V) -> Self::V;
     /// Ones of every byte.
     fn count_ones(self, v: Self::V) -> Self::V;
+    /// All bits inverted.
+    #[inline(always)]
+    fn not(self, v: Self::V) -> Self::V {
+        self.xor(v, self.splat(u8::MAX))
+    }
 
     /// Label k becomes what label `k + by` was, 0 where there is no such label; `by` is a wrapping byte.
     fn shift(self, v: Self::V, by: Self::V) -> Self::V;
@@ -77,5 +90,37 @@ pub(crate) trait Lanes: Copy {
         for ((key, sum), label) in keys.iter_mut().zip(sums).zip(first..) {
             *key = (*key).min(u16::from(*sum) << 8 | label);
         }
+    }
+
+    /// `v` with its bytes in the opposite order.
+    fn reverse(self, v: Self::V) -> Self::V;
+    /// `v`, and `bit` added where `a` is more than `b`.
+    #[inline(always)]
+    fn add_where_more(self, v: Self::V, bit: u8, a: Self::V, b: Self::V) -> Self::V {
+        let more = self.not(self.equal(self.max(a, b), b));
+        self.add(v, self.and(more, self.splat(bit)))
+    }
+
+    /// The least and the largest of the first `BYTES` values.
+    #[inline(always)]
+    fn least_and_most(self, values: &[u16]) -> (u16, u16) {
+        let (mut least, mut most) = (u16::MAX, 0);
+        for &value in &values[..Self::BYTES] {
+            least = least.min(value);
+            most = most.max(value);
+        }
+        (least, most)
+    }
+
+    /// The least value and where it is first; `values` are a multiple of 32.
+    #[inline(always)]
+    fn first_least(self, values: &[u16]) -> (u16, usize) {
+        let mut least = (u16::MAX, 0);
+        for (at, &value) in values.iter().enumerate() {
+            if value < least.0 {
+                least = (value, at);
+            }
+        }
+        least
     }
 }

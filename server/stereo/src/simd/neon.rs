@@ -1,9 +1,9 @@
 //! NEON, which every 64-bit ARM has: one pixel a vector.
 
 use std::arch::aarch64::{
-    uint8x16_t, uint8x16x2_t, vaddq_u8, vandq_u8, vceqq_u8, vcntq_u8, vdupq_n_u8, veorq_u8, vextq_u8,
-    vld1q_u8, vmaxq_u8, vmaxvq_u8, vqaddq_u8, vqsubq_u8, vqtbl1q_u8, vqtbl2q_u8, vrhaddq_u8, vst1q_u8,
-    vsubq_u8,
+    uint8x16_t, uint8x16x2_t, vaddq_u8, vandq_u8, vbslq_u8, vceqq_u8, vcntq_u8, vdupq_n_u8, veorq_u8,
+    vextq_u8, vld1q_u8, vmaxq_u8, vmaxvq_u8, vminq_u8, vqaddq_u8, vqsubq_u8, vqtbl1q_u8, vqtbl2q_u8,
+    vrev64q_u8, vrhaddq_u8, vshrq_n_u8, vst1q_u8, vsubq_u8,
 };
 
 use super::lanes::{LABELS, Lanes};
@@ -68,10 +68,32 @@ impl Lanes for Neon {
     intrinsic!(add_saturating, vqaddq_u8);
     intrinsic!(sub_saturating, vqsubq_u8);
     intrinsic!(max, vmaxq_u8);
+    intrinsic!(min, vminq_u8);
     intrinsic!(average, vrhaddq_u8);
     intrinsic!(equal, vceqq_u8);
     intrinsic!(and, vandq_u8);
     intrinsic!(xor, veorq_u8);
+
+    #[inline(always)]
+    fn select(self, mask: uint8x16_t, then: uint8x16_t, otherwise: uint8x16_t) -> uint8x16_t {
+        // SAFETY: NEON is part of the target.
+        unsafe { vbslq_u8(mask, then, otherwise) }
+    }
+
+    #[inline(always)]
+    fn reverse(self, v: uint8x16_t) -> uint8x16_t {
+        // SAFETY: NEON is part of the target.
+        unsafe {
+            let halves = vrev64q_u8(v);
+            vextq_u8::<8>(halves, halves)
+        }
+    }
+
+    #[inline(always)]
+    fn halve(self, v: uint8x16_t) -> uint8x16_t {
+        // SAFETY: NEON is part of the target.
+        unsafe { vshrq_n_u8::<1>(v) }
+    }
 
     #[inline(always)]
     fn count_ones(self, v: uint8x16_t) -> uint8x16_t {

@@ -74,6 +74,27 @@ impl Lanes for Scalar {
     }
 
     #[inline(always)]
+    fn min(self, a: Labels, b: Labels) -> Labels {
+        both(a, b, u8::min)
+    }
+
+    #[inline(always)]
+    fn select(self, mask: Labels, then: Labels, otherwise: Labels) -> Labels {
+        std::array::from_fn(|k| (then[k] & mask[k]) | (otherwise[k] & !mask[k]))
+    }
+
+    #[inline(always)]
+    fn reverse(self, mut v: Labels) -> Labels {
+        v.reverse();
+        v
+    }
+
+    #[inline(always)]
+    fn halve(self, v: Labels) -> Labels {
+        v.map(|x| x >> 1)
+    }
+
+    #[inline(always)]
     fn average(self, a: Labels, b: Labels) -> Labels {
         both(a, b, |a, b| (a | b) - ((a ^ b) >> 1))
     }

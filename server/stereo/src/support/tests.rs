@@ -2,6 +2,7 @@ use proptest::prelude::*;
 
 use super::{Buckets, Candidate, Consistency, Support, Unexplained, strongest_per_cell};
 use crate::gradient::Gradient;
+use crate::plane::MARGIN_X;
 use crate::scene::{Image, Noise};
 use crate::simd::Level;
 
@@ -61,7 +62,7 @@ proptest! {
         let unexplained = explained_up_to.map(|explained_up_to| Unexplained { cost: &cost, explained_up_to });
         strongest_per_cell(Level::detect(), &gradient, (width, height), cell_px, unexplained, &mut found);
         let counts = |at: usize| explained_up_to.is_none_or(|up_to| cost[at] > up_to);
-        let enough = if explained_up_to.is_some() { cell_px / 2 } else { 1 };
+        let enough = if explained_up_to.is_some() { 8 } else { 1 };
         prop_assert_eq!(found, expected(&gradient.strength, (width, height), cell_px, counts, enough));
     }
 
@@ -116,7 +117,8 @@ fn a_flat_image_has_no_candidates() {
     gradient.reshape(width, height);
     gradient.compute(
         Level::detect(),
-        &Image::from_fn(width, height, |_, _| 90).padded(16, 16),
+        &Image::from_fn(width, height, |_, _| 90).padded(MARGIN_X, MARGIN_X),
+        0..height,
     );
     let mut found = Vec::new();
     strongest_per_cell(Level::detect(), &gradient, (width, height), 8, None, &mut found);
