@@ -4,6 +4,7 @@ use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::time::Duration;
 
+use clap::builder::BoolishValueParser;
 use clap::{Args, Parser, Subcommand};
 
 use crate::config::{Config, ConfigError, PolicyName};
@@ -42,7 +43,7 @@ pub struct ServeArgs {
     #[arg(long, env = "STEREOD_CONFIG", value_name = "FILE")]
     pub config: Option<PathBuf>,
     /// Address and port to listen on [default: 127.0.0.1:8080]; port 0 lets the system choose one.
-    #[arg(long, env = "STEREOD_HTTP", value_name = "ADDR:PORT")]
+    #[arg(long, env = "STEREOD_HTTP", value_name = "ADDR:PORT", value_parser = socket_address)]
     pub http: Option<SocketAddr>,
     /// Threads that compute [default: cores - 1, at least 1].
     #[arg(long, env = "STEREOD_WORKERS", value_name = "N")]
@@ -78,6 +79,10 @@ pub struct ServeArgs {
     /// Requests and replies of all batches under way, in bytes [default: 128 MiB].
     #[arg(long, env = "STEREOD_MAX_BATCH_BYTES_IN_FLIGHT", value_name = "BYTES")]
     pub max_batch_bytes_in_flight: Option<u64>,
+
+    /// Whether workers that have nothing to do help with the frames of others [default: off].
+    #[arg(long, env = "STEREOD_SPLIT_FRAMES", value_name = "on|off", value_parser = BoolishValueParser::new())]
+    pub split_frames: Option<bool>,
 
     /// Time without progress after which a worker is replaced [default: 20000].
     #[arg(long, env = "STEREOD_STUCK_AFTER_MS", value_name = "MS")]
@@ -178,6 +183,7 @@ impl ServeArgs {
         give(&mut config.workers.simd, self.simd);
         give(&mut config.workers.queue_capacity, self.queue_capacity);
         give(&mut config.workers.policy, self.policy);
+        give(&mut config.workers.split_frames, self.split_frames);
         give(
             &mut config.workers.stuck_after,
             self.stuck_after_ms.map(Duration::from_millis),
@@ -194,6 +200,11 @@ impl ServeArgs {
         config.validate()?;
         Ok(config)
     }
+}
+
+fn socket_address(text: &str) -> Result<SocketAddr, String> {
+    text.parse()
+        .map_err(|_| "give a numeric address and a port, such as 127.0.0.1:8080 or [::]:8080".to_owned())
 }
 
 fn give<T>(setting: &mut T, flag: Option<T>) {
@@ -252,6 +263,14 @@ mod tests {
         assert_eq!(config.workers.count, 5);
         assert_eq!(config.workers.queue_capacity, 9);
         assert_eq!(config.http.connections, Config::default().http.connections);
+    }
+
+    #[test]
+    fn frames_are_split_only_when_asked_for() {
+        let split = |flags: &[&str]| serve(flags).into_config().unwrap().workers.split_frames;
+        assert!(!split(&[]));
+        assert!(split(&["--split-frames", "on"]));
+        assert!(!split(&["--split-frames", "off"]));
     }
 
     #[test]

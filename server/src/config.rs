@@ -2,7 +2,9 @@
 //!
 //! Precedence: command line, then environment (both in [`args`](crate::args)), then the file, then the defaults here.
 
+mod error;
 mod policy;
+mod weights;
 
 use std::net::{Ipv4Addr, SocketAddr};
 use std::ops::RangeInclusive;
@@ -10,74 +12,10 @@ use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 use stereo::{Level, Shape};
-use thiserror::Error;
 
+pub use self::error::ConfigError;
 pub use self::policy::PolicyName;
-
-/// Why the server can't start with this configuration; each says what to do.
-#[derive(Debug, Clone, PartialEq, Eq, Error)]
-pub enum ConfigError {
-    /// The file can't be read.
-    #[error("can't read the configuration file {path}: {reason}")]
-    Unreadable {
-        /// The file.
-        path: String,
-        /// What the system said.
-        reason: String,
-    },
-    /// The file isn't TOML, or has an unknown key or a value of the wrong type.
-    #[error("the configuration file {path} is not valid: {reason}")]
-    Malformed {
-        /// The file.
-        path: String,
-        /// Where, what, and which keys there are.
-        reason: String,
-    },
-    /// A number outside its range.
-    #[error("{name} must be {min} to {max}, got {got}")]
-    OutOfRange {
-        /// Key in the file.
-        name: &'static str,
-        /// Smallest accepted value.
-        min: u64,
-        /// Largest accepted value.
-        max: u64,
-        /// The value given.
-        got: u64,
-    },
-    /// A name with other characters than those allowed.
-    #[error("{name} must be 1 to 64 of the characters A-Z a-z 0-9 _ . -, got `{got}`")]
-    BadName {
-        /// Key in the file.
-        name: &'static str,
-        /// The value given.
-        got: String,
-    },
-    /// An instruction-set level that this build or this machine doesn't have.
-    #[error("simd level `{got}` doesn't exist here; there are: {available}")]
-    NoSuchLevel {
-        /// The value given.
-        got: String,
-        /// What can be given.
-        available: String,
-    },
-    /// No such policy.
-    #[error("policy must be edf, fifo, fifo-timeout or fixed:N with N from 1 to 8, got `{got}`")]
-    NoSuchPolicy {
-        /// The value given.
-        got: String,
-    },
-    /// Bodies of the largest size could never be accepted.
-    #[error("{name} ({bytes_in_flight}) must be at least limits.body_bytes ({body_bytes})")]
-    FlightBelowBody {
-        /// Key in the file.
-        name: &'static str,
-        /// The bound on all bodies together.
-        bytes_in_flight: u64,
-        /// The bound on one body.
-        body_bytes: u64,
-    },
-}
+pub use self::weights::WeightsConfig;
 
 /// Everything the server can be told.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -91,6 +29,8 @@ pub struct Config {
     pub workers: WorkersConfig,
     /// What is refused before any work is done.
     pub limits: LimitsConfig,
+    /// Whose share of the server is how large.
+    pub weights: WeightsConfig,
 }
 
 /// The HTTP transport.
@@ -121,6 +61,9 @@ pub struct WorkersConfig {
     pub queue_capacity: u32,
     /// How requests are ordered, admitted and ended: `edf`, or for comparison only `fifo`, `fifo-timeout` or `fixed:N`.
     pub policy: PolicyName,
+    /// Whether workers that have nothing to do help with the frames of others: lower latency while the server has little to do, the
+    /// same results.
+    pub split_frames: bool,
     /// Time without a finished step after which a worker is given up and replaced, 100 to 600000 ms.
     #[serde(rename = "stuck_after_ms", with = "milliseconds")]
     pub stuck_after: Duration,
@@ -150,6 +93,7 @@ impl Default for Config {
             http: HttpConfig::default(),
             workers: WorkersConfig::default(),
             limits: LimitsConfig::default(),
+            weights: WeightsConfig::default(),
         }
     }
 }
@@ -174,6 +118,7 @@ impl Default for WorkersConfig {
             simd: "auto".to_owned(),
             queue_capacity: 64,
             policy: PolicyName::default(),
+            split_frames: false,
             stuck_after: Duration::from_secs(20),
             replacements: 8,
         }
@@ -215,6 +160,7 @@ impl Config {
             http,
             workers,
             limits,
+            weights,
         } = self;
         if !is_name(instance) {
             return Err(ConfigError::BadName {
@@ -261,6 +207,7 @@ impl Config {
                 });
             }
         }
+        weights.validate()?;
         workers.level().map(drop)
     }
 }

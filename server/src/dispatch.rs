@@ -1,25 +1,29 @@
 //! Where requests wait for a worker: the scheduler between the async side, which puts jobs in and may take them back, and the worker
 //! threads, which block until there is one and ask after every step whether to go on.
 
+mod answers;
+mod idle;
 mod job;
 mod kind;
 mod seat;
 
+use std::collections::HashMap;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use stereo_scheduler::{
-    Cancelled, Config as Limits, DropReason, Dropped, JobSpec, Policy, Reason, Refusal, Scheduler, Snapshot,
-    Stage, Submission, Ticket,
+    Cancelled, Config as Limits, JobSpec, Policy, Scheduler, Snapshot, Stage, Submission, Ticket,
 };
 use tokio::sync::{oneshot, watch};
 
+use self::answers::priority;
+pub(crate) use self::idle::Idle;
 use self::job::Admitted;
 pub use self::job::OnRung;
 pub(crate) use self::job::{Job, Outcome};
 pub(crate) use self::kind::{Kind, encode_kind, least_work, work};
 pub(crate) use self::seat::{Replaced, Seat, Task};
-use crate::job::{FrameRequest, PriorityClass};
+use crate::job::FrameRequest;
 use crate::metrics::Metrics;
 use crate::status::ServiceError;
 
@@ -32,12 +36,26 @@ pub(crate) struct Admission {
     pub(crate) outcome: oneshot::Receiver<Outcome>,
 }
 
+/// What the queue is told at its start.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Setting {
+    pub(crate) workers: usize,
+    /// Jobs with a deadline that may wait.
+    pub(crate) capacity: usize,
+    pub(crate) policy: Policy,
+    /// Weights of clients by their names; the others have 1.
+    pub(crate) weights: HashMap<String, u32>,
+    /// Whether workers that have nothing to do help others.
+    pub(crate) is_splitting: bool,
+}
+
 /// Jobs that wait or run, and the state of the service that decides whether more may.
 pub(crate) struct Dispatch {
     state: Mutex<State>,
     wake: Condvar,
     epoch: Instant,
-    capacity: usize,
+    setting: Setting,
+    idle: Arc<Idle>,
     admitted: watch::Sender<usize>,
     metrics: Arc<Metrics>,
 }
@@ -67,8 +85,7 @@ enum Phase {
 }
 
 impl Dispatch {
-    /// For `workers` workers and `capacity` waiting jobs with a deadline.
-    pub(crate) fn new(workers: usize, capacity: usize, policy: Policy, metrics: Arc<Metrics>) -> Self {
+    pub(crate) fn new(setting: Setting, metrics: Arc<Metrics>) -> Self {
         let epoch = Instant::now();
         let slot = || Slot {
             generation: 0,
@@ -79,21 +96,27 @@ impl Dispatch {
         Self {
             state: Mutex::new(State {
                 scheduler: Scheduler::new(Limits {
-                    policy,
-                    workers,
-                    capacity,
+                    policy: setting.policy,
+                    workers: setting.workers,
+                    capacity: setting.capacity,
                     background_capacity: BACKGROUND_CAPACITY,
                     ..Limits::default()
                 }),
                 phase: Phase::Open,
-                slots: (0..workers).map(|_| slot()).collect(),
+                slots: (0..setting.workers).map(|_| slot()).collect(),
             }),
             wake: Condvar::new(),
             epoch,
-            capacity,
+            setting,
+            idle: Arc::default(),
             admitted: watch::Sender::new(0),
             metrics,
         }
+    }
+
+    /// The workers that have nothing to do.
+    pub(crate) fn idle(&self) -> &Arc<Idle> {
+        &self.idle
     }
 
     /// The moment `instant` in the scheduler's time.
@@ -103,7 +126,10 @@ impl Dispatch {
 
     /// A request as the scheduler knows it.
     pub(crate) fn spec(&self, request: &FrameRequest) -> JobSpec<Kind> {
-        kind::spec(request, |instant| self.scheduler_time(instant))
+        let weight = self.setting.weights.get(&request.client).copied();
+        kind::spec(request, weight.unwrap_or(1), |instant| {
+            self.scheduler_time(instant)
+        })
     }
 
     /// Lets a request wait for a worker, and wakes one.
@@ -112,15 +138,23 @@ impl Dispatch {
         request: FrameRequest,
         on_rung: Option<OnRung>,
     ) -> Result<Admission, ServiceError> {
-        let spec = self.spec(&request);
+        let mut spec = self.spec(&request);
         let budget = request.options.latency_budget;
         let received_at = request.received_at;
-        let (job, outcome) = Job::new(request, on_rung, Admitted::new(&self.admitted));
+        let (mut job, outcome) = Job::new(request, on_rung, Admitted::new(&self.admitted));
         let mut state = self.lock();
         if state.phase != Phase::Open {
             return Err(ServiceError::Draining);
         }
         let now = Instant::now();
+        if self.setting.is_splitting {
+            let waiting = state.scheduler.snapshot(self.scheduler_time(now)).waiting;
+            // Those that wait get a worker each, and so does this one; what is left may help it.
+            job.is_split = self.idle.spare() > waiting + 1;
+            if job.is_split {
+                kind::split(&mut spec);
+            }
+        }
         let submission = state
             .scheduler
             .submit(self.scheduler_time(now), spec, Arc::new(job));
@@ -248,52 +282,8 @@ impl Dispatch {
         self.wake.notify_all();
     }
 
-    fn answer_dropped(&self, dropped: Vec<Dropped<Arc<Job>>>) {
-        for Dropped { job, reason, .. } in dropped {
-            let error = match reason {
-                DropReason::Expired => ServiceError::Expired {
-                    budget: job.request.options.latency_budget,
-                    earliest_feasible: None,
-                },
-                DropReason::Superseded => ServiceError::Superseded,
-                DropReason::Displaced => ServiceError::Displaced,
-            };
-            self.metrics.dropped(error.reason_name());
-            job.answer(Err(error));
-        }
-    }
-
-    fn refused(&self, refusal: Refusal, budget: Duration, received_at: Instant) -> ServiceError {
-        // A new request would have to arrive first, as this one did.
-        let arrival = received_at.elapsed();
-        let earliest_feasible = refusal.earliest_feasible.map(|wait| wait + arrival);
-        match refusal.reason {
-            Reason::Expired => ServiceError::Expired {
-                budget,
-                earliest_feasible,
-            },
-            Reason::DeadlineInfeasible => ServiceError::DeadlineInfeasible {
-                budget,
-                earliest_feasible,
-            },
-            Reason::Quota => ServiceError::Quota { earliest_feasible },
-            Reason::QueueFull => ServiceError::QueueFull {
-                limit: self.capacity,
-                earliest_feasible,
-            },
-        }
-    }
-
     fn lock(&self) -> MutexGuard<'_, State> {
         // Nothing that is called while it is held panics; if it did, the queue would still be whole.
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-}
-
-/// The scheduler's name for the classes with a deadline.
-fn priority(class: PriorityClass) -> stereo_scheduler::Priority {
-    match class {
-        PriorityClass::BestEffort => stereo_scheduler::Priority::BestEffort,
-        PriorityClass::Deadline | PriorityClass::Background => stereo_scheduler::Priority::Normal,
     }
 }

@@ -25,6 +25,12 @@ pub struct FrameRequest {
     pub client: String,
 }
 
+/// The [`client`](FrameRequest::client) of a camera's frames.
+#[must_use]
+pub fn client_of_camera(camera_id: &str) -> String {
+    format!("camera {camera_id}")
+}
+
 impl FrameRequest {
     /// When the answer is due; `None` for background requests.
     #[must_use]

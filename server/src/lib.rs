@@ -23,6 +23,7 @@ pub mod status;
 pub mod transport;
 pub mod wire;
 
+use std::io::ErrorKind;
 use std::net::SocketAddr;
 use std::sync::Arc;
 
@@ -39,7 +40,7 @@ pub enum StartError {
     #[error(transparent)]
     Config(#[from] ConfigError),
     /// The address can't be listened on.
-    #[error("can't listen on {addr}: {source}")]
+    #[error("can't listen on {addr}: {source}{}", what_to_do(source))]
     Listen {
         /// The configured address.
         addr: SocketAddr,
@@ -54,6 +55,18 @@ pub enum StartError {
         /// What the system said.
         source: std::io::Error,
     },
+}
+
+/// How a socket that can't be bound can be.
+fn what_to_do(error: &std::io::Error) -> &'static str {
+    match error.kind() {
+        ErrorKind::AddrInUse => ": end the program that listens there, or choose another address or port",
+        ErrorKind::PermissionDenied => ": ports below 1024 need the right to them, choose another port",
+        ErrorKind::AddrNotAvailable => {
+            ": this machine doesn't have the address, choose one it has or 0.0.0.0"
+        }
+        _ => "",
+    }
 }
 
 /// The whole server, not yet started.

@@ -39,7 +39,8 @@ fn fail<E: Display>(code: u8) -> impl Fn(E) -> ExitCode {
 }
 
 fn run(cli: Cli) -> Result<(), ExitCode> {
-    let filter = EnvFilter::try_new(&cli.log).map_err(fail(USAGE))?;
+    let filter =
+        EnvFilter::try_new(&cli.log).map_err(|error| fail(USAGE)(format!("--log {}: {error}", cli.log)))?;
     let logs = tracing_subscriber::fmt()
         .with_env_filter(filter)
         .with_writer(stderr);

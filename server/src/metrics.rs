@@ -3,6 +3,8 @@
 //! The table for people, `server/METRICS.md`, is generated from the registry. All labels have a fixed set of values, so the number of
 //! series never grows with clients, cameras or requests.
 
+mod book;
+mod ends;
 mod table;
 
 use std::time::Duration;
@@ -11,8 +13,10 @@ use prometheus_client::metrics::counter::Counter;
 use prometheus_client::metrics::family::Family;
 use prometheus_client::metrics::gauge::Gauge;
 use prometheus_client::metrics::histogram::Histogram;
-use prometheus_client::registry::{Registry, Unit};
+use prometheus_client::registry::Registry;
 
+use self::book::Book;
+pub(crate) use self::ends::{BatchEnd, ConnectionEnd};
 use crate::job::{Degradation, PriorityClass, Report, RungsCut};
 
 /// Upper ends of the histograms of queue, stages and latency, in seconds.
@@ -50,77 +54,6 @@ const STAGES: [&str; 5] = ["receive", "decode", "match", "mesh", "encode"];
 
 type Label = [(&'static str, &'static str); 1];
 type Labels = [(&'static str, &'static str); 2];
-
-/// Why a connection ended.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum ConnectionEnd {
-    /// The client closed it, or said that it would.
-    Closed,
-    /// The client broke the protocol or the network failed.
-    Failed,
-    /// It was silent for longer than a head may take.
-    Silent,
-    /// The client did not take what was sent.
-    SlowReader,
-    /// It had sent nothing yet and made room for a new one at the limit.
-    Evicted,
-    /// There was no place for it; it was told so.
-    Refused,
-    /// The server stopped.
-    Stopping,
-}
-
-impl ConnectionEnd {
-    const ALL: [Self; 7] = [
-        Self::Closed,
-        Self::Failed,
-        Self::Silent,
-        Self::SlowReader,
-        Self::Evicted,
-        Self::Refused,
-        Self::Stopping,
-    ];
-
-    fn label(self) -> Label {
-        let name = match self {
-            Self::Closed => "closed",
-            Self::Failed => "failed",
-            Self::Silent => "silent",
-            Self::SlowReader => "slow_reader",
-            Self::Evicted => "evicted",
-            Self::Refused => "refused",
-            Self::Stopping => "stopping",
-        };
-        [("why", name)]
-    }
-}
-
-/// What ended a batch.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum BatchEnd {
-    /// Every request was read and answered.
-    Complete,
-    /// The body ended in the middle of a request, or something else than a request was in it.
-    BrokenOff,
-    /// The client did not read its replies.
-    SlowReader,
-    /// The client has gone.
-    HungUp,
-}
-
-impl BatchEnd {
-    const ALL: [Self; 4] = [Self::Complete, Self::BrokenOff, Self::SlowReader, Self::HungUp];
-
-    fn label(self) -> Label {
-        let name = match self {
-            Self::Complete => "complete",
-            Self::BrokenOff => "broken_off",
-            Self::SlowReader => "slow_reader",
-            Self::HungUp => "hung_up",
-        };
-        [("outcome", name)]
-    }
-}
 
 /// Everything that is counted. Cheap to record; nothing here blocks longer than for a map's look-up.
 pub(crate) struct Metrics {
@@ -181,7 +114,7 @@ fn latency_histogram() -> Histogram {
 impl Metrics {
     /// Everything at zero, and every series there.
     pub(crate) fn new() -> Self {
-        let mut book = Book(Registry::with_prefix("stereod"));
+        let mut book = Book::new("stereod");
         Self {
             requests: book.by_class_and_outcome(),
             dropped: book.counters(
@@ -261,7 +194,7 @@ impl Metrics {
             batch_frames: book.plain("batch_frames", "Requests read from batches", Counter::default()),
             batches_ended: book.counters("batches_ended", "Batches that ended, by how", BatchEnd::ALL.map(BatchEnd::label)),
             draining: book.plain("draining", "1 while the server is stopping and takes no new work", Gauge::default()),
-            registry: book.0,
+            registry: book.close(),
         }
     }
 
@@ -346,78 +279,6 @@ impl Metrics {
         // Writing to a string can't fail.
         let _ = prometheus_client::encoding::text::encode(&mut text, &self.registry);
         text
-    }
-}
-
-/// The registry while it is filled.
-struct Book(Registry);
-
-impl Book {
-    fn plain<M: prometheus_client::registry::Metric + Clone>(
-        &mut self,
-        name: &str,
-        help: &str,
-        metric: M,
-    ) -> M {
-        self.0.register(name, help, metric.clone());
-        metric
-    }
-
-    fn seconds(&mut self, name: &str, help: &str, metric: Histogram) -> Histogram {
-        self.0
-            .register_with_unit(name, help, Unit::Seconds, metric.clone());
-        metric
-    }
-
-    fn ratio(&mut self, name: &str, help: &str, metric: Histogram) -> Histogram {
-        self.0
-            .register_with_unit(name, help, Unit::Ratios, metric.clone());
-        metric
-    }
-
-    fn bytes(&mut self, name: &str, help: &str) -> Gauge {
-        let gauge = Gauge::default();
-        self.0.register_with_unit(name, help, Unit::Bytes, gauge.clone());
-        gauge
-    }
-
-    fn counters(
-        &mut self,
-        name: &str,
-        help: &str,
-        labels: impl IntoIterator<Item = Label>,
-    ) -> Family<Label, Counter> {
-        let family = Family::<Label, Counter>::default();
-        for label in labels {
-            drop(family.get_or_create(&label));
-        }
-        self.plain(name, help, family)
-    }
-
-    fn latencies(
-        &mut self,
-        name: &str,
-        help: &str,
-        labels: impl IntoIterator<Item = Label>,
-    ) -> Family<Label, Histogram, fn() -> Histogram> {
-        let family = Family::new_with_constructor(latency_histogram as fn() -> Histogram);
-        for label in labels {
-            drop(family.get_or_create(&label));
-        }
-        self.0
-            .register_with_unit(name, help, Unit::Seconds, family.clone());
-        family
-    }
-
-    fn by_class_and_outcome(&mut self) -> Family<Labels, Counter> {
-        let family = Family::<Labels, Counter>::default();
-        for class in CLASSES {
-            for outcome in OUTCOMES {
-                drop(family.get_or_create(&[("class", class), ("outcome", outcome)]));
-            }
-        }
-        let help = "Requests by priority class (unknown: refused before it was read) and outcome: OK, the reason of the refusal, or CANCELLED by the client";
-        self.plain("requests", help, family)
     }
 }
 

@@ -3,6 +3,7 @@
 
 mod climb;
 mod half;
+mod helpers;
 mod prime;
 mod rig;
 mod watch;
@@ -18,6 +19,7 @@ use stereo::Level;
 use tokio::sync::watch as signal;
 
 pub(crate) use self::climb::Stopped;
+pub(crate) use self::helpers::Helpers;
 #[cfg(test)]
 pub(crate) use self::prime::dummy_request;
 use self::worker::{Ended, Run, Worker};
@@ -32,6 +34,8 @@ pub(crate) type Process = dyn Fn(&mut Worker, &mut Run, &Seat) -> Result<Ended, 
 /// What all workers share.
 pub(crate) struct Shared {
     pub(crate) dispatch: Arc<Dispatch>,
+    /// Threads that stand in for workers that have nothing to do; `None` = every frame is matched by one worker alone.
+    pub(crate) helpers: Option<Helpers>,
     pub(crate) metrics: Arc<Metrics>,
     /// Name of this server in reports.
     pub(crate) instance: String,

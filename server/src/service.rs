@@ -1,20 +1,25 @@
 //! The waist: every transport hands its frames in here, and every frame that comes in here is answered, and counted once.
 
+mod health;
+mod leaving;
+
 use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-use stereo_scheduler::{JobSpec, Ticket};
+use stereo_scheduler::JobSpec;
 use tokio::sync::watch;
 use tokio::time::timeout_at;
 
+pub use self::health::Health;
+use self::leaving::Leaving;
 use crate::StartError;
 use crate::config::Config;
 pub use crate::dispatch::OnRung;
-use crate::dispatch::{Admission, Dispatch, Kind};
+use crate::dispatch::{Admission, Dispatch, Kind, Setting};
 use crate::job::{FrameReply, FrameRequest, PriorityClass};
 use crate::metrics::{CANCELLED, Metrics};
-use crate::pool::{Patience, Pool, Priming, Shared};
+use crate::pool::{Helpers, Patience, Pool, Priming, Shared};
 use crate::status::ServiceError;
 
 /// The queue and the workers behind it.
@@ -24,23 +29,6 @@ pub struct Service {
     /// Taken by whoever stops the service.
     pool: Mutex<Option<Pool>>,
     draining: watch::Sender<bool>,
-}
-
-/// What is going on inside, for `/readyz` and logs.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Health {
-    /// Worker threads in all.
-    pub workers: usize,
-    /// Those that have matched their dummy pair.
-    pub workers_primed: usize,
-    /// Those that could not match it.
-    pub workers_failed: usize,
-    /// Whether a worker got stuck and no more are replaced.
-    pub is_crippled: bool,
-    /// Requests that wait for a worker.
-    pub queue_depth: usize,
-    /// Whether new work is refused because the server is stopping.
-    pub is_draining: bool,
 }
 
 impl Service {
@@ -55,11 +43,26 @@ impl Service {
         let count = workers.count as usize;
         let metrics = Arc::new(Metrics::new());
         metrics.workers.set(workers.count.into());
-        // Lossless: the capacity is at most 65536.
-        let capacity = workers.queue_capacity as usize;
-        let dispatch = Dispatch::new(count, capacity, workers.policy.0, Arc::clone(&metrics));
+        let setting = Setting {
+            workers: count,
+            // Lossless: the capacity is at most 65536.
+            capacity: workers.queue_capacity as usize,
+            policy: workers.policy.0,
+            weights: config.weights.by_client(),
+            is_splitting: workers.split_frames,
+        };
+        let no_threads = |source| StartError::Threads {
+            count: workers.count,
+            source,
+        };
+        let dispatch = Arc::new(Dispatch::new(setting, Arc::clone(&metrics)));
+        let helpers = match workers.split_frames {
+            true => Helpers::start(count, &dispatch).map_err(no_threads)?,
+            false => None,
+        };
         let shared = Arc::new(Shared {
-            dispatch: Arc::new(dispatch),
+            dispatch,
+            helpers,
             metrics,
             instance: config.instance.clone(),
             priming: watch::Sender::new(Priming::default()),
@@ -69,11 +72,7 @@ impl Service {
             stuck_after: workers.stuck_after,
             replacements: workers.replacements,
         };
-        let pool =
-            Pool::start(workers.count, level, patience, &shared).map_err(|source| StartError::Threads {
-                count: workers.count,
-                source,
-            })?;
+        let pool = Pool::start(workers.count, level, patience, &shared).map_err(no_threads)?;
         Ok(Self {
             shared,
             workers: count,
@@ -103,6 +102,7 @@ impl Service {
         on_rung: Option<OnRung>,
     ) -> Result<FrameReply, ServiceError> {
         let request_id = request.ids.request_id.clone();
+        let camera = request.ids.camera_id.clone();
         let class = request.options.priority;
         let received_at = request.received_at;
         let outcome = self.admit(request, on_rung).await;
@@ -112,6 +112,7 @@ impl Service {
                 self.shared.metrics.answered(class, report, *costs);
                 tracing::debug!(
                     request_id,
+                    camera,
                     queued = ?report.queued,
                     decoded = ?report.decoded,
                     matched = ?report.matched,
@@ -137,6 +138,11 @@ impl Service {
     /// Counts a request whose client has gone before it had become a frame.
     pub fn count_cancelled(&self) {
         self.shared.metrics.ended(None, CANCELLED);
+    }
+
+    /// Counts a frame whose result can't be sent, for want of memory to hold it until the client has taken it.
+    pub fn count_unsent(&self, error: &ServiceError) {
+        self.shared.metrics.dropped(error.reason_name());
     }
 
     /// Whether a request of this kind could be admitted now, before its body is read.
@@ -297,30 +303,6 @@ impl Service {
 impl Drop for Service {
     fn drop(&mut self) {
         self.shared.dispatch.close();
-    }
-}
-
-/// Takes the job back, and counts it, when the caller stops waiting for it.
-struct Leaving<'a> {
-    shared: &'a Shared,
-    class: PriorityClass,
-    ticket: Option<Ticket>,
-}
-
-impl Leaving<'_> {
-    /// The job has ended by itself.
-    fn stay(&mut self) {
-        self.ticket = None;
-    }
-}
-
-impl Drop for Leaving<'_> {
-    fn drop(&mut self) {
-        if let Some(ticket) = self.ticket.take() {
-            self.shared.dispatch.cancel(ticket);
-            self.shared.metrics.ended(Some(self.class), CANCELLED);
-            self.shared.metrics.dropped(CANCELLED);
-        }
     }
 }
 

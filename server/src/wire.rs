@@ -24,5 +24,6 @@ mod result;
 pub use budget::{latency_budget_from_grpc_timeout, latency_budget_from_ms};
 pub use delimited::{Delimited, delimited, delimited_result_head};
 pub use form::{FormParts, request_from_form};
+pub(crate) use request::is_request_id;
 pub use request::{Intake, decode_request, frame_request};
 pub use result::result_body;

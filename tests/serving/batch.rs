@@ -13,12 +13,12 @@ use tokio::sync::mpsc;
 
 use crate::conversation::{Server, message};
 
-fn client(server: &Server) -> Client {
+pub(crate) fn client(server: &Server) -> Client {
     Client::new(server.process.url()).expect("an http address")
 }
 
 /// A small pair, so that many of them take little time.
-fn small(id: u32) -> v1::StereoRequest {
+pub(crate) fn small(id: u32) -> v1::StereoRequest {
     let image = |shift: u32| v1::Image {
         encoding: v1::ImageEncoding::Mono8.into(),
         width: 64,
@@ -95,7 +95,7 @@ async fn replies_come_while_requests_are_still_being_sent() {
 }
 
 /// A stream of requests that is fed while it is sent.
-fn fed() -> (
+pub(crate) fn fed() -> (
     mpsc::Sender<v1::StereoRequest>,
     impl Stream<Item = v1::StereoRequest> + Send + 'static,
 ) {
@@ -220,10 +220,10 @@ async fn replies_that_are_not_read_end_the_batch_as_slow_reader() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_frame_with_a_deadline_goes_before_a_batch() {
-    let server = Server::start(&[]);
-    let long = stream::iter(0..400).map(|_| message_without_budget());
-    let mut replies = client(&server).match_batch(long).await.expect("a batch");
+async fn a_frame_with_a_deadline_goes_before_an_endless_batch() {
+    let server = Server::start(PATIENT);
+    let endless = stream::repeat_with(message_without_budget);
+    let mut replies = client(&server).match_batch(endless).await.expect("a batch");
     for _ in 0..3 {
         let report = server
             .post_message("application/x-protobuf", &message())
@@ -234,7 +234,36 @@ async fn a_frame_with_a_deadline_goes_before_a_batch() {
         assert!(report.deadline_met);
         assert!(replies.next().await.is_some_and(|reply| reply.is_ok()));
     }
+    drop(replies);
+    server.until(HUNG_UP, 1.0).await;
+    server.until_zero("stereod_batches").await;
 }
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_client_that_stops_reading_and_then_hangs_up_ends_its_batch() {
+    let server = Server::start(PATIENT);
+    let endless = stream::repeat_with(message_without_budget);
+    let replies = client(&server).match_batch(endless).await.expect("a batch");
+    // Nobody reads: the replies fill the sockets until nothing moves in either direction. A batch that flows has a frame with a worker
+    // or in the queue in almost every look.
+    let mut still = 0;
+    let mut seen = 0.0;
+    while still < 100 {
+        let frames = server.metric("stereod_batch_frames_total").await;
+        let is_still = frames > 3.0 && frames == seen && server.metric("stereod_workers_busy").await == 0.0;
+        still = if is_still { still + 1 } else { 0 };
+        seen = frames;
+    }
+    drop(replies);
+    server.until(HUNG_UP, 1.0).await;
+    server.until_zero("stereod_batches").await;
+    server.until_zero("stereod_batch_in_flight_bytes").await;
+}
+
+/// A server that waits for its clients for longer than any test takes.
+const PATIENT: &[&str] = &["--body-timeout-ms", "600000"];
+/// Batches whose client has gone.
+const HUNG_UP: &str = "stereod_batches_ended_total{outcome=\"hung_up\"}";
 
 fn message_without_budget() -> v1::StereoRequest {
     v1::StereoRequest {

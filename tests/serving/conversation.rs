@@ -1,6 +1,7 @@
 //! A server of its own for a test, and what is said to it.
 
 use std::sync::LazyLock;
+use std::time::Duration;
 
 use image::{DynamicImage, ImageFormat};
 use prost::Message;
@@ -14,6 +15,8 @@ use stereo_tests::scene::Scene;
 use tokio::task::JoinHandle;
 
 pub(crate) const PROTOBUF: &str = "application/x-protobuf";
+/// After this long nothing will happen any more, on the slowest machine.
+const NEVER: Duration = Duration::from_secs(300);
 
 /// A rendered pair as PNG files.
 pub(crate) struct PngPair {
@@ -39,8 +42,13 @@ pub(crate) struct Server {
 }
 
 impl Server {
+    /// With one worker.
     pub(crate) fn start(args: &[&str]) -> Self {
-        let args = [&["--workers", "1"], args].concat();
+        Self::with_workers("1", args)
+    }
+
+    pub(crate) fn with_workers(count: &str, args: &[&str]) -> Self {
+        let args = [&["--workers", count], args].concat();
         // A proxy of the environment would not find a server on this machine.
         let http = reqwest::Client::builder()
             .no_proxy()
@@ -135,11 +143,28 @@ impl Server {
             .expect("a number")
     }
 
-    /// Waits until a series has this value.
+    /// Waits until a series has this value; fails if that never happens.
     pub(crate) async fn until(&self, series: &str, value: f64) {
-        while self.metric(series).await < value {
-            tokio::task::yield_now().await;
+        let reached = async {
+            while self.metric(series).await < value {
+                tokio::task::yield_now().await;
+            }
+        };
+        if tokio::time::timeout(NEVER, reached).await.is_err() {
+            let all = String::from_utf8(self.get("/metrics").await.body).expect("text");
+            panic!("{series} did not get to {value}:\n{all}");
         }
+    }
+
+    /// Waits until a gauge is back at zero; fails if that never happens.
+    pub(crate) async fn until_zero(&self, series: &str) {
+        let reached = async {
+            while self.metric(series).await != 0.0 {
+                tokio::task::yield_now().await;
+            }
+        };
+        let reached = tokio::time::timeout(NEVER, reached).await;
+        assert!(reached.is_ok(), "{series} did not get back to 0");
     }
 
     /// Waits until the workers are primed.

@@ -2,10 +2,13 @@
 
 use std::net::TcpListener;
 
+use futures_util::StreamExt;
 use prost::Message;
 use stereo_proto::v1;
+use stereo_proto::v1::batch_reply::Outcome;
 use stereo_tests::process::run;
 
+use crate::batch::{client, fed, small};
 use crate::conversation::{Server, message};
 
 #[tokio::test]
@@ -71,6 +74,40 @@ async fn what_was_admitted_is_answered_when_the_server_is_told_to_stop() {
     assert!(served > 0, "nothing that was admitted was answered");
 }
 
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_batch_under_way_is_answered_as_far_as_it_was_read_when_the_server_is_told_to_stop() {
+    let server = Server::start(&[]);
+    let (give, requests) = fed();
+    let mut replies = client(&server).match_batch(requests).await.expect("a batch");
+    for id in 0..3 {
+        give.send(small(id)).await.expect("an open batch");
+    }
+    server.until("stereod_batch_frames_total", 3.0).await;
+    let stopped = tokio::task::spawn_blocking(|| server.process.stop());
+    let is_draining = |status: &v1::Status| status.reason() == v1::Reason::Draining;
+    let mut answered = Vec::new();
+    let mut last_words = None;
+    while let Some(reply) = replies.next().await {
+        let v1::BatchReply { request_id, outcome } = reply.expect("a whole reply");
+        assert!(last_words.is_none(), "{request_id} after the last words");
+        match outcome.expect("always one") {
+            Outcome::Status(status) if request_id.is_empty() => last_words = Some(status),
+            // Read, but not admitted any more.
+            Outcome::Status(status) => {
+                assert!(is_draining(&status), "{status:?}");
+                answered.push(request_id);
+            }
+            Outcome::Result(_) => answered.push(request_id),
+        }
+    }
+    answered.sort();
+    assert_eq!(answered, ["pair-0", "pair-1", "pair-2"]);
+    assert!(last_words.is_some_and(|status| is_draining(&status)));
+    let status = stopped.await.expect("no panic").expect("a running server");
+    assert_eq!(status.code(), Some(0));
+    drop(give);
+}
+
 #[test]
 fn bad_configuration_exits_64_before_any_socket_is_bound() {
     // The port is taken, so a server that tried to bind it would end with another code.
@@ -87,6 +124,10 @@ fn bad_configuration_exits_64_before_any_socket_is_bound() {
         (["--queue-capacity", "many"], "many"),
         (["--config", "no/such/file.toml"], "no/such/file.toml"),
         (["--config", path], "cuont"),
+        (["--split-frames", "perhaps"], "perhaps"),
+        (["--policy", "lifo"], "fifo-timeout"),
+        (["--log", "a=b=c"], "--log"),
+        (["--wrokers", "2"], "--workers"),
     ] {
         let output =
             run(&[&["serve", "--http", &http], args.as_slice()].concat()).expect("a program that runs");
@@ -104,7 +145,11 @@ fn bad_configuration_exits_64_before_any_socket_is_bound() {
         "{}",
         String::from_utf8_lossy(&output.stderr)
     );
-    assert!(String::from_utf8_lossy(&output.stderr).contains(&http));
+    let message = String::from_utf8_lossy(&output.stderr);
+    assert!(
+        message.contains(&http) && message.contains("choose another"),
+        "{message}"
+    );
 }
 
 #[test]
@@ -119,8 +164,13 @@ fn help_and_version_are_no_errors() {
         assert_eq!(output.status.code(), Some(0), "{args:?}");
         assert!(!output.stdout.is_empty(), "{args:?}");
     }
-    assert_eq!(
-        run(&["frobnicate"]).expect("a program that runs").status.code(),
-        Some(64)
-    );
+    for (args, word) in [
+        (&["frobnicate"][..], "frobnicate"),
+        (&["serve", "--http", "localhost:8080"], "127.0.0.1:8080"),
+    ] {
+        let output = run(args).expect("a program that runs");
+        assert_eq!(output.status.code(), Some(64), "{args:?}");
+        let message = String::from_utf8_lossy(&output.stderr);
+        assert!(message.contains(word), "{message}");
+    }
 }

@@ -64,3 +64,28 @@ fn a_simd_level_that_does_not_exist_is_refused_naming_what_does() {
     };
     assert_eq!(lowered.level(), Ok(Level::SCALAR));
 }
+
+#[test]
+fn clients_have_the_weights_of_the_file() {
+    let text = "[weights.cameras]\nfront = 4\n[weights.addresses]\n\"::ffff:192.0.2.7\" = 2\n";
+    let config = Config::from_toml(text, "x").unwrap();
+    config.validate().unwrap();
+    let weights = config.weights.by_client();
+    assert_eq!(weights.get("camera front"), Some(&4));
+    assert_eq!(weights.get("192.0.2.7"), Some(&2));
+    let json = serde_json::to_string(&config).unwrap();
+    assert_eq!(serde_json::from_str::<Config>(&json).unwrap(), config);
+}
+
+#[test]
+fn weights_that_make_no_sense_are_refused_by_name() {
+    for (text, word) in [
+        ("[weights.cameras]\nfront = 0\n", "weights.cameras.front"),
+        ("[weights.addresses]\n\"192.0.2.7\" = 1001\n", "192.0.2.7"),
+        ("[weights.cameras]\n\"two words\" = 2\n", "two words"),
+    ] {
+        let error = Config::from_toml(text, "x").unwrap().validate().unwrap_err();
+        assert!(error.to_string().contains(word), "{error}");
+    }
+    assert!(Config::from_toml("[weights.addresses]\nnowhere = 2\n", "x").is_err());
+}

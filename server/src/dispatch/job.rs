@@ -18,6 +18,8 @@ pub type OnRung = Box<dyn Fn(stereo::Quality) + Send + Sync>;
 pub(crate) struct Job {
     pub(crate) request: FrameRequest,
     pub(crate) enqueued_at: Instant,
+    /// Whether workers that have nothing to do may help with it.
+    pub(crate) is_split: bool,
     on_rung: Option<OnRung>,
     /// Taken by whoever answers.
     reply: Mutex<Option<(oneshot::Sender<Outcome>, Admitted)>>,
@@ -35,6 +37,7 @@ impl Job {
             Self {
                 request,
                 enqueued_at: Instant::now(),
+                is_split: false,
                 on_rung,
                 reply: Mutex::new(Some((reply, admitted))),
             },

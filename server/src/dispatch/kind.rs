@@ -35,6 +35,8 @@ pub(crate) enum Kind {
         roi: u32,
         /// Size class of the matched images.
         size: u32,
+        /// Whether others help with it, which makes it cheaper as long as they do.
+        is_split: bool,
     },
     /// Triangulation of the output mesh.
     Mesh {
@@ -59,11 +61,11 @@ pub(crate) enum Kind {
 }
 
 /// A request as the scheduler knows it; `time` turns moments into the scheduler's.
-pub(super) fn spec(request: &FrameRequest, time: impl Fn(Instant) -> Duration) -> JobSpec<Kind> {
+pub(super) fn spec(request: &FrameRequest, weight: u32, time: impl Fn(Instant) -> Duration) -> JobSpec<Kind> {
     let is_stream = request.ids.sequence.is_some() && !request.ids.camera_id.is_empty();
     JobSpec {
         client: ClientId(hashed(&request.client)),
-        weight: 1,
+        weight,
         stream: is_stream.then(|| StreamId(hashed(&request.ids.camera_id))),
         urgency: match request.deadline() {
             Some(deadline) => Urgency::Deadline {
@@ -76,6 +78,16 @@ pub(super) fn spec(request: &FrameRequest, time: impl Fn(Instant) -> Duration) -
         half: can_be_halved(request).then(|| work(request, true)),
         is_mesh_optional: request.options.outputs.mesh_is_optional
             && !request.formats.iter().any(|format| format.needs_mesh()),
+    }
+}
+
+/// Makes a job one that others help with. Its costs are learned apart: what is known of a worker alone stays true when all are busy.
+pub(super) fn split(spec: &mut JobSpec<Kind>) {
+    let ways = [Some(&mut spec.work), spec.half.as_mut()];
+    for work in ways.into_iter().flatten() {
+        if let Kind::Match { is_split, .. } = &mut work.matching {
+            *is_split = true;
+        }
     }
 }
 
@@ -112,6 +124,7 @@ pub(crate) fn work(request: &FrameRequest, is_half: bool) -> Work<Kind> {
             disparity_steps: disparities.div_ceil(16),
             roi,
             size,
+            is_split: false,
         },
         mesh: wants_mesh(request).then_some(Kind::Mesh {
             preset: params.preset,
@@ -123,9 +136,10 @@ pub(crate) fn work(request: &FrameRequest, is_half: bool) -> Work<Kind> {
     }
 }
 
-/// The least that a request with a body of `bytes` bytes can ask for: raw pixels of four bytes, the first rung, and no mesh.
-pub(crate) fn least_work(bytes: u64) -> Work<Kind> {
-    let units = u32::try_from(bytes / 8).unwrap_or(u32::MAX).max(1);
+/// The least that any request can ask for: the first rung of the smallest images, and no mesh.
+pub(crate) fn least_work() -> Work<Kind> {
+    let side = u32::try_from(Shape::MIN_SIDE_PX).unwrap_or(1);
+    let units = side * side;
     let size = size_class(units);
     let params = stereo::Params::default();
     Work {
@@ -141,6 +155,7 @@ pub(crate) fn least_work(bytes: u64) -> Work<Kind> {
             disparity_steps: params.range.count / 16,
             roi: 0,
             size,
+            is_split: false,
         },
         mesh: None,
         encode: encode_kind(
@@ -255,36 +270,48 @@ mod tests {
         let mut request = dummy_request();
         request.client = "camera front".into();
         let time = |_| Duration::ZERO;
-        assert_eq!(spec(&request, time).stream, None);
+        assert_eq!(spec(&request, 1, time).stream, None);
         request.ids.camera_id = "front".into();
         assert_eq!(
-            spec(&request, time).stream,
+            spec(&request, 1, time).stream,
             None,
             "without a number it can't be told what is newer"
         );
         request.ids.sequence = Some(1);
-        assert!(spec(&request, time).stream.is_some());
+        assert!(spec(&request, 1, time).stream.is_some());
     }
 
     #[test]
     fn only_what_may_be_halved_has_a_half() {
         let mut request = dummy_request();
-        assert_eq!(spec(&request, |_| Duration::ZERO).half, None);
+        assert_eq!(spec(&request, 1, |_| Duration::ZERO).half, None);
         request.options.allow_downscale = true;
-        let half = spec(&request, |_| Duration::ZERO).half.unwrap();
+        let half = spec(&request, 1, |_| Duration::ZERO).half.unwrap();
         assert_eq!(half.units, 320 * 240);
         request.left.height_px = 63;
         assert_eq!(
-            spec(&request, |_| Duration::ZERO).half,
+            spec(&request, 1, |_| Duration::ZERO).half,
             None,
             "its half is smaller than any image may be"
         );
     }
 
     #[test]
+    fn a_split_job_is_of_another_kind_at_every_size() {
+        let mut request = dummy_request();
+        request.options.allow_downscale = true;
+        let alone = spec(&request, 3, |_| Duration::ZERO);
+        let mut split_one = alone;
+        split(&mut split_one);
+        assert_ne!(alone.work.matching, split_one.work.matching);
+        assert_ne!(alone.half.unwrap().matching, split_one.half.unwrap().matching);
+        assert_eq!(alone.weight, 3);
+    }
+
+    #[test]
     fn background_requests_have_no_deadline() {
         let mut request = dummy_request();
         request.options.priority = PriorityClass::Background;
-        assert_eq!(spec(&request, |_| Duration::ZERO).urgency, Urgency::Background);
+        assert_eq!(spec(&request, 1, |_| Duration::ZERO).urgency, Urgency::Background);
     }
 }

@@ -91,6 +91,7 @@ impl Seat {
 
     fn wait<'a>(&'a self, state: MutexGuard<'a, State>, now: Duration) -> MutexGuard<'a, State> {
         let wake = &self.dispatch.wake;
+        let _waits = self.dispatch.idle.begin();
         match state.scheduler.next_wakeup() {
             None => wake.wait(state).unwrap_or_else(PoisonError::into_inner),
             Some(at) => {

@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use stereo::{Progress, Quality};
+use stereo::{ForkJoin, Progress, Quality};
 use stereo_scheduler::{Stage, StopReason, Verdict};
 
 use super::rig::Rig;
@@ -140,9 +140,10 @@ pub(super) enum Top {
     Aside,
 }
 
-/// From where the frame is until it is told to stop. `has_mesh` as planned; `active` is how long the frame has been worked on before.
+/// From where the frame is until it is told to stop, with the help of `join`. `has_mesh` as planned; `active` is how long the frame has
+/// been worked on before.
 pub(super) fn climb(
-    rig: &mut Rig,
+    (rig, join): (&mut Rig, &dyn ForkJoin),
     job: &Job,
     height: &mut Height,
     guide: &mut Guide<'_>,
@@ -152,7 +153,7 @@ pub(super) fn climb(
     let started = Instant::now();
     let before = height.matched;
     loop {
-        let progress = rig.step(&job.request, height.quality.is_none())?;
+        let progress = rig.step(&job.request, height.quality.is_none(), join)?;
         height.steps += 1;
         height.matched = before + started.elapsed();
         let reached = height.quality.map_or(0, |quality| quality.rung);

@@ -4,6 +4,7 @@
 use std::time::{Duration, Instant};
 
 use bytes::Bytes;
+use stereo::Serial;
 use stereo_scheduler::Stage;
 
 use super::climb::{Clock, Guide, Height, Stopped, climb};
@@ -46,7 +47,14 @@ fn match_once(worker: &mut Worker, job: &Job, is_half: bool) -> Result<Clock, St
     let mut guide = Guide::Clock(&mut clock);
     rig.load(level, request, is_half)?;
     guide.decoded()?;
-    climb(rig, job, &mut Height::default(), &mut guide, true, Duration::ZERO)?;
+    climb(
+        (rig, &Serial),
+        job,
+        &mut Height::default(),
+        &mut guide,
+        true,
+        Duration::ZERO,
+    )?;
     rig.finish(request, true);
     guide.meshed()?;
     let (left_gray, map) = rig.result(request)?;

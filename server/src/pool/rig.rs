@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use stereo::{DisparityMap, GrayView, Level, Matcher, Mesh, Params, Progress, Serial, Shape, StereoPair};
+use stereo::{DisparityMap, ForkJoin, GrayView, Level, Matcher, Mesh, Params, Progress, Shape, StereoPair};
 
 use super::half;
 use crate::decode::{self, GrayScratch, Side};
@@ -58,7 +58,12 @@ impl Rig {
     }
 
     /// The first rung, or one more step after it.
-    pub(super) fn step(&mut self, request: &FrameRequest, is_first: bool) -> Result<Progress, ServiceError> {
+    pub(super) fn step(
+        &mut self,
+        request: &FrameRequest,
+        is_first: bool,
+        join: &dyn ForkJoin,
+    ) -> Result<Progress, ServiceError> {
         let missing = || ServiceError::Internal("a frame was matched before it was loaded".to_owned());
         let matcher = self.matcher.as_mut().ok_or_else(missing)?;
         let full;
@@ -71,8 +76,8 @@ impl Rig {
             (full, self.map.as_mut().ok_or_else(missing)?)
         };
         match is_first {
-            true => matcher.base(pair, map, &Serial).map_err(unmatchable),
-            false => Ok(matcher.refine(pair, map, &Serial)),
+            true => matcher.base(pair, map, join).map_err(unmatchable),
+            false => Ok(matcher.refine(pair, map, join)),
         }
     }
 

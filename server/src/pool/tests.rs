@@ -5,7 +5,7 @@ use tokio::sync::oneshot;
 
 use super::prime::dummy_request;
 use super::*;
-use crate::dispatch::Outcome;
+use crate::dispatch::{Outcome, Setting};
 use crate::job::{FrameOptions, FrameReply, FrameRequest, PriorityClass, ReplyFormat, RungsCut};
 
 const PATIENT: Patience = Patience {
@@ -15,8 +15,15 @@ const PATIENT: Patience = Patience {
 
 fn shared(policy: Policy) -> Arc<Shared> {
     let metrics = Arc::new(Metrics::new());
+    let setting = Setting {
+        workers: 1,
+        capacity: 8,
+        policy,
+        ..Setting::default()
+    };
     Arc::new(Shared {
-        dispatch: Arc::new(Dispatch::new(1, 8, policy, Arc::clone(&metrics))),
+        dispatch: Arc::new(Dispatch::new(setting, Arc::clone(&metrics))),
+        helpers: None,
         metrics,
         instance: "test".to_owned(),
         priming: signal::Sender::new(Priming::default()),
@@ -263,7 +270,7 @@ fn half_resolution_gives_a_map_of_the_full_size_near_the_full_one() {
     rig.load(Level::SCALAR, &half, true).unwrap();
     let mut quality = None;
     while let stereo::Progress::Working | stereo::Progress::Improved(_) = {
-        let progress = rig.step(&half, quality.is_none()).unwrap();
+        let progress = rig.step(&half, quality.is_none(), &stereo::Serial).unwrap();
         quality = Some(progress);
         progress
     } {}

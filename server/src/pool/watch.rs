@@ -53,6 +53,10 @@ fn watch(shared: &Arc<Shared>, threads: &Threads, patience: Patience) {
     while !threads.is_closing.is_over_after(patience.stuck_after / LOOKS) {
         for seat in shared.dispatch.replace_stuck(patience.stuck_after, &error) {
             let worker = seat.index();
+            if let Some(helpers) = &shared.helpers {
+                // It may be a helper that is stuck, and would be so for every frame that counts on it.
+                helpers.retire();
+            }
             if left == 0 {
                 shared.metrics.workers.dec();
                 tracing::error!(

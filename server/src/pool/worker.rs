@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use bytes::Bytes;
-use stereo::{Level, Preset, rung_names};
+use stereo::{ForkJoin, Level, Preset, Serial, rung_names};
 use stereo_scheduler::{Dispatch as Taken, Plan, StopReason, Ticket};
 
 use super::Shared;
@@ -135,8 +135,12 @@ impl Worker {
         };
         let active = run.active();
         let has_mesh = run.plan.has_mesh;
+        let join: &dyn ForkJoin = match &self.shared.helpers {
+            Some(helpers) if run.job.is_split => helpers,
+            _ => &Serial,
+        };
         let top = climb(
-            &mut self.rig,
+            (&mut self.rig, join),
             &run.job,
             &mut run.height,
             &mut guide,

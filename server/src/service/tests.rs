@@ -11,9 +11,15 @@ use crate::job::{FrameIds, FrameOptions, ImageData, ImageEncoding, PixelFormat, 
 /// A service whose workers are all busy for ever: it has none.
 fn without_workers(capacity: usize) -> Service {
     let metrics = Arc::new(Metrics::new());
-    let dispatch = Dispatch::new(1, capacity, stereo_scheduler::Policy::Edf, Arc::clone(&metrics));
+    let setting = Setting {
+        workers: 1,
+        capacity,
+        ..Setting::default()
+    };
+    let dispatch = Dispatch::new(setting, Arc::clone(&metrics));
     let shared = Shared {
         dispatch: Arc::new(dispatch),
+        helpers: None,
         metrics,
         instance: "test".to_owned(),
         priming: watch::Sender::new(Priming::default()),

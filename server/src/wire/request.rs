@@ -8,7 +8,7 @@ use prost_types::Timestamp;
 use stereo_proto::v1::StereoRequest;
 
 use super::{images, options};
-use crate::job::{FrameIds, FrameRequest, PriorityClass, ReplyFormat};
+use crate::job::{FrameIds, FrameRequest, PriorityClass, ReplyFormat, client_of_camera};
 use crate::status::ServiceError;
 
 /// Longest request id in characters.
@@ -77,7 +77,7 @@ pub fn frame_request(message: StereoRequest, intake: Intake) -> Result<FrameRequ
     let options = options::validate(&message.options.unwrap_or_default(), &circumstances)?;
     let client = match ids.camera_id.as_str() {
         "" => intake.peer,
-        camera => format!("camera {camera}"),
+        camera => client_of_camera(camera),
     };
     Ok(FrameRequest {
         ids,
@@ -93,7 +93,7 @@ pub fn frame_request(message: StereoRequest, intake: Intake) -> Result<FrameRequ
 
 fn request_id(in_body: String, outside: String) -> Result<String, ServiceError> {
     let id = if in_body.is_empty() { outside } else { in_body };
-    if id.len() <= MAX_REQUEST_ID && id.bytes().all(|byte| byte == b' ' || byte.is_ascii_graphic()) {
+    if is_request_id(&id) {
         return Ok(id);
     }
     Err(ServiceError::Invalid(format!(
@@ -101,6 +101,11 @@ fn request_id(in_body: String, outside: String) -> Result<String, ServiceError> 
         id.len(),
         excerpt(&id)
     )))
+}
+
+/// Whether a request may be called so.
+pub(crate) fn is_request_id(id: &str) -> bool {
+    id.len() <= MAX_REQUEST_ID && id.bytes().all(|byte| byte == b' ' || byte.is_ascii_graphic())
 }
 
 fn camera_id(id: String) -> Result<String, ServiceError> {

@@ -111,7 +111,7 @@ fn readiness(health: Health) -> (StatusCode, Readiness) {
 fn json(code: StatusCode, value: &impl Serialize) -> Response {
     match serde_json::to_vec(value) {
         Ok(body) => typed(code, "application/json", body.into()),
-        Err(error) => axum::response::IntoResponse::into_response(super::refusal::Refusal(
+        Err(error) => axum::response::IntoResponse::into_response(super::refusal::Refusal::from(
             ServiceError::Internal(format!("the answer can't be written as JSON: {error}")),
         )),
     }

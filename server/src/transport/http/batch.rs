@@ -26,7 +26,7 @@ use futures_util::stream::{FuturesUnordered, StreamExt};
 use stereo_proto::v1;
 use tokio::sync::OwnedSemaphorePermit;
 
-use self::reader::{Message, Reader};
+use self::reader::{Broken, Message, Reader, broken_off};
 use self::replies::{Outlet, Piece, channel};
 use super::connections::{Busy, Peer};
 use super::envelope::{ReceivedAt, RequestId};
@@ -53,7 +53,7 @@ pub(super) async fn post(
     let (parts, body) = request.into_parts();
     if let Err(error) = check_head(&http, &parts.headers) {
         body::leave_unread(body);
-        return Err(Refusal(http.service.refuse(error, received_at, &request_id)));
+        return Err(http.service.refuse(error, received_at, &request_id).into());
     }
     let (outlet, replies) = channel(http.bodies.timeout());
     let batch = Batch {
@@ -132,6 +132,7 @@ impl Batch {
         let mut reader = Reader::new(Arc::clone(&self.http), body);
         let mut underway = FuturesUnordered::<Underway>::new();
         let mut is_reading = true;
+        let mut is_lost = false;
         let mut last_words: Option<ServiceError> = None;
         while is_reading || !underway.is_empty() {
             let may_read = is_reading && underway.len() < most;
@@ -151,9 +152,15 @@ impl Batch {
                 next = reader.next(is_idle), if may_read => match next {
                     Ok(Some(message)) => underway.push(self.begin(message)),
                     Ok(None) => is_reading = false,
-                    Err(error) => {
+                    Err(broken) => {
                         is_reading = false;
-                        last_words = Some(error);
+                        last_words = Some(match broken {
+                            Broken::Off(error) => error,
+                            Broken::Lost(why) => {
+                                is_lost = true;
+                                broken_off(&why)
+                            }
+                        });
                     }
                 },
             }
@@ -161,10 +168,19 @@ impl Batch {
         let Some(error) = last_words else {
             return BatchEnd::Complete;
         };
+        if is_lost {
+            // Whoever can still read, if anybody, finds why. That the connection is gone is often known here before its reader is.
+            outlet.leave_word(status_reply("", &error));
+            return BatchEnd::HungUp;
+        }
+        let end = match error {
+            ServiceError::Draining => BatchEnd::Stopping,
+            _ => BatchEnd::BrokenOff,
+        };
         let error = self.http.service.refuse(error, Instant::now(), &self.id);
         let status = Piece::from(status_reply("", &error));
         match outlet.send(status).await {
-            Ok(()) => BatchEnd::BrokenOff,
+            Ok(()) => end,
             Err(error) => self.gave_up(&mut outlet, error),
         }
     }

@@ -113,7 +113,7 @@ async fn accept(
             };
             let metrics = Arc::clone(&metrics);
             let connection = Connection {
-                peer: peer.ip(),
+                peer: peer.ip().to_canonical(),
                 config: config.clone(),
                 router: router.clone(),
                 stop: stopping.clone(),
@@ -184,10 +184,10 @@ impl Connection {
                 // What is being sent may still be taken; a client that doesn't take it is cut off.
                 tokio::select! {
                     ended = timeout(config.body_timeout, connection.as_mut()) => {
-                        return match ended {
-                            Ok(Ok(())) => ConnectionEnd::Silent,
-                            Ok(failed) => end(failed),
-                            Err(_) => ConnectionEnd::SlowReader,
+                        return match ended.map(end) {
+                            Ok(ConnectionEnd::SlowReader) | Err(_) => ConnectionEnd::SlowReader,
+                            // Half a head is cut off here, which is no failure of the network.
+                            Ok(_) => ConnectionEnd::Silent,
                         };
                     }
                     () = stopping.as_mut() => {}

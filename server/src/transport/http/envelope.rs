@@ -87,7 +87,8 @@ pub(super) async fn wrap(
                 .catch_unwind()
                 .await
                 .unwrap_or_else(|_| {
-                    Refusal(ServiceError::Internal("a fault while answering".to_owned())).into_response()
+                    Refusal::from(ServiceError::Internal("a fault while answering".to_owned()))
+                        .into_response()
                 }),
             Err(error) => super::body::refuse_unread(request.into_body(), error),
         };

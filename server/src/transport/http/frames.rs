@@ -22,8 +22,8 @@ use crate::job::{FrameRequest, PriorityClass, Report};
 use crate::service::Service;
 use crate::status::ServiceError;
 use crate::wire::{
-    Intake, decode_request, frame_request, latency_budget_from_grpc_timeout, latency_budget_from_ms,
-    request_from_form,
+    Intake, decode_request, frame_request, is_request_id, latency_budget_from_grpc_timeout,
+    latency_budget_from_ms, request_from_form,
 };
 
 const SERVER_TIMING: HeaderName = HeaderName::from_static("server-timing");
@@ -47,23 +47,33 @@ enum Content {
 pub(super) async fn post(
     State(http): State<Arc<Http>>,
     Extension(ReceivedAt(received_at)): Extension<ReceivedAt>,
-    Extension(RequestId(request_id)): Extension<RequestId>,
+    Extension(RequestId(mut request_id)): Extension<RequestId>,
     peer: Option<Extension<Peer>>,
     request: Request,
 ) -> Result<Response, Refusal> {
     let peer = peer.map_or_else(String::new, |Extension(Peer(address))| address.to_string());
     let (parts, body) = request.into_parts();
     let mut unfinished = CountIfCancelled(Some(&http.service));
-    let read = read(&http, &parts, body, received_at, (&request_id, peer)).await;
+    let read = read(&http, &parts, body, received_at, (&mut request_id, peer)).await;
     unfinished.0 = None;
-    let refuse = |error| Refusal(http.service.refuse(error, received_at, &request_id));
-    let (media_type, frame, share) = read.map_err(refuse)?;
-    let finished = http.service.submit(frame).await?;
+    let (media_type, frame, share) = match read {
+        Ok(read) => read,
+        Err(error) => {
+            let error = http.service.refuse(error, received_at, &request_id);
+            return Err(Refusal::of(error, request_id));
+        }
+    };
+    let named = |error| Refusal::of(error, request_id.clone());
+    let finished = http.service.submit(frame).await.map_err(named)?;
     // The pixels were slices of the request's body; from here on the reply's takes its place.
     drop(share);
     let body = finished.bodies.into_iter().next();
-    let body = body.ok_or_else(|| ServiceError::Internal("a reply without a body".to_owned()))?;
-    let mut response = Response::new(http.bodies.reply(body)?);
+    let body = body.ok_or_else(|| ServiceError::Internal("a reply without a body".to_owned()));
+    let body = body.and_then(|body| http.bodies.reply(body)).map_err(|error| {
+        http.service.count_unsent(&error);
+        named(error)
+    })?;
+    let mut response = Response::new(body);
     let headers = response.headers_mut();
     headers.insert(CONTENT_TYPE, HeaderValue::from_static(media_type));
     // Digits, letters and punctuation, so always a valid header value.
@@ -74,13 +84,13 @@ pub(super) async fn post(
 }
 
 /// From the head to a whole and checked frame, its reply's media type and its share of the bytes in flight. A body that isn't worth
-/// reading isn't read.
+/// reading isn't read. `request_id` becomes the one in the body, if that has one.
 async fn read(
     http: &Http,
     parts: &Parts,
     body: Body,
     received_at: Instant,
-    (request_id, peer): (&str, String),
+    (request_id, peer): (&mut String, String),
 ) -> Result<(&'static str, FrameRequest, Option<OwnedSemaphorePermit>), ServiceError> {
     let claimed = body.size_hint().exact();
     let sender = claimed.map(|bytes| (peer.clone(), bytes));
@@ -102,10 +112,13 @@ async fn read(
         Content::Protobuf => decode_request(bytes)?,
         Content::Multipart { boundary } => request_from_form(parts_from_multipart(bytes, boundary).await?)?,
     };
+    if !message.request_id.is_empty() && is_request_id(&message.request_id) {
+        request_id.clone_from(&message.request_id);
+    }
     let intake = Intake {
         received_at,
         latency_budget: head.budget,
-        request_id: request_id.to_owned(),
+        request_id: request_id.clone(),
         formats: vec![head.reply.format],
         max_image_px: http.max_image_px,
         peer,

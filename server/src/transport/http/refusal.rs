@@ -10,30 +10,47 @@ use super::negotiate::{PROBLEM_JSON, PROTOBUF, RefusalForm};
 use crate::status::ServiceError;
 
 /// A refusal that has not been written yet: a response that carries it as an extension.
-pub(super) struct Refusal(pub(super) ServiceError);
+#[derive(Debug, Clone)]
+pub(super) struct Refusal {
+    error: ServiceError,
+    /// The name that the body gives the request; `None` = the one its head has.
+    request_id: Option<String>,
+}
 
-/// The extension.
-#[derive(Clone)]
-struct Unwritten(ServiceError);
+impl Refusal {
+    /// Of a request that is called `request_id`.
+    pub(super) fn of(error: ServiceError, request_id: String) -> Self {
+        Self {
+            error,
+            request_id: Some(request_id),
+        }
+    }
+}
 
 impl From<ServiceError> for Refusal {
     fn from(error: ServiceError) -> Self {
-        Self(error)
+        Self {
+            error,
+            request_id: None,
+        }
     }
 }
 
 impl IntoResponse for Refusal {
     fn into_response(self) -> Response {
-        let mut response = status(&self.0).into_response();
-        response.extensions_mut().insert(Unwritten(self.0));
+        let mut response = status(&self.error).into_response();
+        response.extensions_mut().insert(self);
         response
     }
 }
 
 /// Writes the body of a response that is an unwritten refusal; leaves every other as it is.
 pub(super) fn written(mut response: Response, form: RefusalForm, request_id: &str) -> Response {
-    match response.extensions_mut().remove::<Unwritten>() {
-        Some(Unwritten(error)) => write(&error, form, request_id),
+    match response.extensions_mut().remove::<Refusal>() {
+        Some(Refusal {
+            error,
+            request_id: own,
+        }) => write(&error, form, own.as_deref().unwrap_or(request_id)),
         None => response,
     }
 }

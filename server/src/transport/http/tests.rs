@@ -153,6 +153,29 @@ async fn refusals_of_protobuf_requests_are_a_status_unless_json_is_accepted() {
 }
 
 #[tokio::test]
+async fn a_refusal_has_the_name_that_the_body_gives_the_request() {
+    let (router, _service) = server();
+    let headers = [
+        ("content-type", "application/x-protobuf"),
+        ("x-request-id", "head"),
+    ];
+    let lonely = |request_id: &str| v1::StereoRequest {
+        request_id: request_id.to_owned(),
+        right: None,
+        ..message()
+    };
+    for (in_body, expected) in [("body", "body"), ("", "head"), ("not\nprintable", "head")] {
+        let answer = ask(&router, post(&headers, lonely(in_body).encode_to_vec())).await;
+        let status = v1::Status::decode(answer.body).unwrap();
+        assert_eq!(
+            (status.code, status.request_id.as_str()),
+            (400, expected),
+            "{in_body:?}"
+        );
+    }
+}
+
+#[tokio::test]
 async fn every_wrong_head_has_its_status_and_a_sentence() {
     let (router, _service) = server();
     let get = |path: &str| Request::get(path).body(Body::empty()).unwrap();
@@ -289,4 +312,52 @@ async fn a_stopping_server_says_so_everywhere() {
             .status,
         StatusCode::OK
     );
+}
+
+/// A batch whose body is `pieces`, and how it ended by the metrics.
+async fn end_of_batch(pieces: Vec<std::io::Result<Bytes>>) -> (Bytes, String) {
+    let (router, service) = server();
+    let body = Body::from_stream(futures_util::stream::iter(pieces));
+    let headers = [("content-type", "application/x-protobuf; delimited=true")];
+    let answer = ask(&router, post_to("/v1/stereo/batch", &headers, body)).await;
+    assert_eq!(answer.status, StatusCode::OK);
+    // The replies end with the task that makes them, which counts itself last.
+    let ended = |text: &str| {
+        let lines = text
+            .lines()
+            .filter_map(|line| line.strip_prefix("stereod_batches_ended_total"));
+        let mut ended = lines.filter_map(|line| line.strip_suffix(" 1"));
+        ended.next().map(str::to_owned)
+    };
+    loop {
+        if let Some(ended) = ended(&service.metrics_text()) {
+            return (answer.body, ended);
+        }
+        tokio::task::yield_now().await;
+    }
+}
+
+#[tokio::test]
+async fn a_batch_whose_connection_is_lost_counts_as_hung_up_even_while_its_replies_are_still_open() {
+    let whole = Bytes::from(message().encode_length_delimited_to_vec());
+    let reset = std::io::Error::from(std::io::ErrorKind::ConnectionReset);
+    let (replies, ended) = end_of_batch(vec![Ok(whole), Err(reset)]).await;
+    assert_eq!(ended, "{outcome=\"hung_up\"}");
+    // What was whole is answered, and who can still read finds why there is no more.
+    let mut rest = replies;
+    let first = v1::BatchReply::decode_length_delimited(&mut rest).unwrap();
+    assert!(matches!(first.outcome, Some(v1::batch_reply::Outcome::Result(_))));
+    let last = v1::BatchReply::decode_length_delimited(&mut rest).unwrap();
+    assert!(matches!(last.outcome, Some(v1::batch_reply::Outcome::Status(status)) if status.code == 400));
+}
+
+#[tokio::test]
+async fn a_batch_with_something_broken_in_it_counts_as_broken_off() {
+    let whole = Bytes::from(message().encode_length_delimited_to_vec());
+    let half = whole.slice(..whole.len() / 2);
+    let broken_chunk = || Err(std::io::Error::from(std::io::ErrorKind::InvalidInput));
+    for pieces in [vec![Ok(half)], vec![Ok(whole), broken_chunk()]] {
+        let (_, ended) = end_of_batch(pieces).await;
+        assert_eq!(ended, "{outcome=\"broken_off\"}");
+    }
 }

@@ -1,5 +1,7 @@
 //! The requests of a batch, taken from its body one by one.
 
+use std::error::Error;
+use std::io;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -20,6 +22,21 @@ pub(super) struct Message {
     pub(super) index: u64,
     /// Its bytes count as in flight while this lives.
     pub(super) share: Option<OwnedSemaphorePermit>,
+}
+
+/// Why the requests end before the body does.
+#[derive(Debug)]
+pub(super) enum Broken {
+    /// By what the client sent, or didn't.
+    Off(ServiceError),
+    /// Its connection, or its stream of one, is gone; the text says how.
+    Lost(String),
+}
+
+impl From<ServiceError> for Broken {
+    fn from(error: ServiceError) -> Self {
+        Self::Off(error)
+    }
 }
 
 /// Reads on where it left off, even if [`next`](Self::next) is dropped half-way.
@@ -51,7 +68,7 @@ impl Reader {
     }
 
     /// The next request; `None` at the end. A sender may rest between two requests while it waits for replies (not `is_idle`).
-    pub(super) async fn next(&mut self, is_idle: bool) -> Result<Option<Message>, ServiceError> {
+    pub(super) async fn next(&mut self, is_idle: bool) -> Result<Option<Message>, Broken> {
         loop {
             if let Some(len) = self.arrived.next_len()? {
                 if self.share.is_none() {
@@ -72,14 +89,14 @@ impl Reader {
             if !self.read_piece(is_idle).await? {
                 return match self.arrived.is_between() {
                     true => Ok(None),
-                    false => Err(broken_off("its last request is not whole")),
+                    false => Err(broken_off("its last request is not whole").into()),
                 };
             }
         }
     }
 
     /// One more piece of the body; false at its end.
-    async fn read_piece(&mut self, is_idle: bool) -> Result<bool, ServiceError> {
+    async fn read_piece(&mut self, is_idle: bool) -> Result<bool, Broken> {
         let limit = self.http.bodies.timeout();
         let due = self.waiting_since + limit;
         let piece = match timeout_at(due.into(), self.body.frame()).await {
@@ -88,7 +105,7 @@ impl Reader {
                 self.wait_anew();
                 return Ok(true);
             }
-            Err(_) => return Err(ServiceError::ReadTimeout { limit }),
+            Err(_) => return Err(ServiceError::ReadTimeout { limit }.into()),
         };
         match piece {
             None => Ok(false),
@@ -98,12 +115,30 @@ impl Reader {
                 }
                 Ok(true)
             }
-            Some(Err(error)) => Err(broken_off(&error.to_string())),
+            Some(Err(error)) => match is_malformed(&error) {
+                true => Err(broken_off(&error.to_string()).into()),
+                false => Err(Broken::Lost(error.to_string())),
+            },
         }
     }
 }
 
-fn broken_off(why: &str) -> ServiceError {
+/// Whether a body failed by what is in it: broken chunks, which hyper reports as input that is wrong. Everything else is the network.
+fn is_malformed(error: &(dyn Error + 'static)) -> bool {
+    let mut cause = Some(error);
+    while let Some(error) = cause {
+        if let Some(error) = error.downcast_ref::<io::Error>() {
+            return matches!(
+                error.kind(),
+                io::ErrorKind::InvalidInput | io::ErrorKind::InvalidData
+            );
+        }
+        cause = error.source();
+    }
+    false
+}
+
+pub(super) fn broken_off(why: &str) -> ServiceError {
     ServiceError::Invalid(format!(
         "the batch broke off ({why}): what was whole before has been answered, send the rest again"
     ))

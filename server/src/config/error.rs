@@ -1,0 +1,78 @@
+//! What can be wrong with a configuration.
+
+use thiserror::Error;
+
+use super::weights::WEIGHTS;
+
+/// Why the server can't start with this configuration; each says what to do.
+#[derive(Debug, Clone, PartialEq, Eq, Error)]
+pub enum ConfigError {
+    /// The file can't be read.
+    #[error("can't read the configuration file {path}: {reason}")]
+    Unreadable {
+        /// The file.
+        path: String,
+        /// What the system said.
+        reason: String,
+    },
+    /// The file isn't TOML, or has an unknown key or a value of the wrong type.
+    #[error("the configuration file {path} is not valid: {reason}")]
+    Malformed {
+        /// The file.
+        path: String,
+        /// Where, what, and which keys there are.
+        reason: String,
+    },
+    /// A number outside its range.
+    #[error("{name} must be {min} to {max}, got {got}")]
+    OutOfRange {
+        /// Key in the file.
+        name: &'static str,
+        /// Smallest accepted value.
+        min: u64,
+        /// Largest accepted value.
+        max: u64,
+        /// The value given.
+        got: u64,
+    },
+    /// A name with other characters than those allowed.
+    #[error("{name} must be 1 to 64 of the characters A-Z a-z 0-9 _ . -, got `{got}`")]
+    BadName {
+        /// Key in the file.
+        name: &'static str,
+        /// The value given.
+        got: String,
+    },
+    /// An instruction-set level that this build or this machine doesn't have.
+    #[error("simd level `{got}` doesn't exist here; there are: {available}")]
+    NoSuchLevel {
+        /// The value given.
+        got: String,
+        /// What can be given.
+        available: String,
+    },
+    /// No such policy.
+    #[error("policy must be edf, fifo, fifo-timeout or fixed:N with N from 1 to 8, got `{got}`")]
+    NoSuchPolicy {
+        /// The value given.
+        got: String,
+    },
+    /// A weight outside its range.
+    #[error("the weight of {client} must be {} to {}, got {got}", WEIGHTS.start(), WEIGHTS.end())]
+    BadWeight {
+        /// Its table and key in the file.
+        client: String,
+        /// The value given.
+        got: u32,
+    },
+    /// Bodies of the largest size could never be accepted.
+    #[error("{name} ({bytes_in_flight}) must be at least limits.body_bytes ({body_bytes})")]
+    FlightBelowBody {
+        /// Key in the file.
+        name: &'static str,
+        /// The bound on all bodies together.
+        bytes_in_flight: u64,
+        /// The bound on one body.
+        body_bytes: u64,
+    },
+}
