@@ -71,10 +71,10 @@ pub(crate) fn run(source: &Source) -> Result<()> {
             .zip(&curves)
             .map(|(method, curve)| Line {
                 name: method.short_name(),
-                // Of a few pixels nothing can be said.
+                // Where most pixels are gone, nobody looks.
                 points: curve
                     .iter()
-                    .filter(|edges| edges.density > 5.0)
+                    .filter(|edges| edges.density > 50.0)
                     .map(point)
                     .collect(),
             })
