@@ -20,6 +20,12 @@ impl Changes {
         self.rows.resize(height, 0);
     }
 
+    /// All of a map of `height` rows changed.
+    pub(crate) fn everything(&mut self, height: usize) {
+        self.rows.clear();
+        self.rows.resize(height, u64::MAX);
+    }
+
     /// Columns `first..=last` of row `y` changed.
     #[inline(always)]
     pub(crate) fn mark(&mut self, y: usize, first: usize, last: usize) {
@@ -48,7 +54,8 @@ impl Changes {
                 }
                 bottom = (bottom + STRIP_PX).min(rows.end);
             }
-            let mut left = marks;
+            // Nothing lies beyond the last column.
+            let mut left = marks & (u64::MAX >> (63 - (width - 1) / BLOCK_PX));
             while left != 0 {
                 let first = left.trailing_zeros() as usize;
                 let end = first + (left >> first).trailing_ones() as usize;

@@ -406,28 +406,29 @@ impl Finish for KeepBetter {
     #[inline(always)]
     fn finish<L: Lanes>(self, lanes: L, sums: [&[u8]; TESTED], candidates: &[u16], best: Best<'_>) {
         let n = candidates.len();
-        for x in (0..n).step_by(L::BYTES) {
-            let sums = [&sums[0][x..], &sums[1][x..], &sums[2][x..]];
+        if n < L::BYTES {
             let (mut which, mut better, mut cost) = ([0; MOST_BYTES], [0; MOST_BYTES], [0; MOST_BYTES]);
-            let pixels = L::BYTES.min(n - x);
-            let costs = &mut best.cost[x..x + pixels];
-            if pixels == L::BYTES {
-                let vectors = self.vector(lanes, sums, lanes.load(costs));
-                lanes.store(vectors[0], &mut which);
-                lanes.store(vectors[1], &mut better);
-                lanes.store(vectors[2], costs);
-                let disparity = &mut best.disparity[x..x + L::BYTES];
-                move_to(&candidates[x..x + L::BYTES], &which, &better, disparity);
-            } else {
-                cost[..pixels].copy_from_slice(costs);
-                let vectors = self.vector(lanes, sums, lanes.load(&cost));
-                lanes.store(vectors[0], &mut which);
-                lanes.store(vectors[1], &mut better);
-                lanes.store(vectors[2], &mut cost);
-                costs.copy_from_slice(&cost[..pixels]);
-                let disparity = &mut best.disparity[x..x + pixels];
-                move_to(&candidates[x..x + pixels], &which, &better, disparity);
-            }
+            cost[..n].copy_from_slice(best.cost);
+            let vectors = self.vector(lanes, sums, lanes.load(&cost));
+            lanes.store(vectors[0], &mut which);
+            lanes.store(vectors[1], &mut better);
+            lanes.store(vectors[2], &mut cost);
+            best.cost.copy_from_slice(&cost[..n]);
+            move_to(candidates, &which, &better, best.disparity);
+            return;
+        }
+        // The last vector overlaps the one before; keeping what is better twice changes nothing.
+        for block in 0..n.div_ceil(L::BYTES) {
+            let x = (block * L::BYTES).min(n - L::BYTES);
+            let sums = [&sums[0][x..], &sums[1][x..], &sums[2][x..]];
+            let costs = &mut best.cost[x..x + L::BYTES];
+            let vectors = self.vector(lanes, sums, lanes.load(costs));
+            let (mut which, mut better) = ([0; MOST_BYTES], [0; MOST_BYTES]);
+            lanes.store(vectors[0], &mut which);
+            lanes.store(vectors[1], &mut better);
+            lanes.store(vectors[2], costs);
+            let disparity = &mut best.disparity[x..x + L::BYTES];
+            move_to(&candidates[x..x + L::BYTES], &which, &better, disparity);
         }
     }
 }

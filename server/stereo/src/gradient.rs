@@ -87,16 +87,20 @@ impl Kernel for Compute<'_> {
             }
             let row = y * width..(y + 1) * width;
             let (mask, strength) = (&mut gradient.mask[row.clone()], &mut gradient.strength[row]);
-            for x in (0..width).step_by(BLOCK) {
-                let n = BLOCK.min(width - x);
-                let (smooth, steep) = (&smooth[x..x + n + 2], &steep[x..x + n + 2]);
-                let (mask, strength) = (&mut mask[x..x + n], &mut strength[x..x + n]);
-                if n == BLOCK {
-                    let (mask, strength) = (&mut mask[..BLOCK], &mut strength[..BLOCK]);
-                    sobel(&smooth[..BLOCK + 2], &steep[..BLOCK + 2], mask, strength);
-                } else {
-                    sobel(smooth, steep, mask, strength);
-                }
+            if width < BLOCK {
+                sobel(&smooth[..width + 2], &steep[..width + 2], mask, strength);
+                continue;
+            }
+            // The last block overlaps the one before where the width is no multiple.
+            for block in 0..width.div_ceil(BLOCK) {
+                let x = (block * BLOCK).min(width - BLOCK);
+                let (smooth, steep) = (&smooth[x..][..BLOCK + 2], &steep[x..][..BLOCK + 2]);
+                sobel(
+                    smooth,
+                    steep,
+                    &mut mask[x..][..BLOCK],
+                    &mut strength[x..][..BLOCK],
+                );
             }
         }
     }

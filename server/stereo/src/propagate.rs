@@ -21,6 +21,9 @@ const GOOD_BELOW: u8 = 63;
 /// Of a pixel that neither has a good disparity nor has been lent one.
 const NONE: u16 = u16::MAX;
 
+/// Pixels of one block: plain loops over arrays of this length become vector code.
+const BLOCK: usize = 64;
+
 /// Two rows with room for the reach on both sides.
 #[derive(Debug, Default)]
 pub(crate) struct Scratch {
@@ -79,7 +82,7 @@ impl Kernel for Candidates<'_> {
         let width = found.width;
         for row in &mut scratch.rows {
             row.clear();
-            row.resize(width + 2 * REACH_PX, NONE);
+            row.resize(width.next_multiple_of(BLOCK) + 2 * REACH_PX, NONE);
         }
         let [one, other] = &mut scratch.rows;
         let (mut lent, mut next) = (&mut one[..], &mut other[..]);
@@ -88,6 +91,8 @@ impl Kernel for Candidates<'_> {
             .chunks_exact(width)
             .zip(found.cost.chunks_exact(width));
         for (y, ((disparity, cost), candidates)) in rows.zip(candidates.chunks_exact_mut(width)).enumerate() {
+            // What lies beyond the row may have been lent to.
+            lent[REACH_PX + width..].fill(NONE);
             let inner = lent[REACH_PX..REACH_PX + width].iter_mut();
             for (lent, (disparity, cost)) in inner.zip(disparity.iter().zip(cost)) {
                 let good = u16::from(*cost < GOOD_BELOW).wrapping_neg();
@@ -99,15 +104,20 @@ impl Kernel for Candidates<'_> {
                     From::Left => REACH_PX - step,
                     From::Right => REACH_PX + step,
                 };
-                let (here, there) = (&lent[REACH_PX..][..width], &lent[shift..][..width]);
-                for (next, (here, there)) in next[REACH_PX..].iter_mut().zip(here.iter().zip(there)) {
-                    *next = if *here == NONE { *there } else { *here };
+                let n = lent.len() - 2 * REACH_PX;
+                let here = lent[REACH_PX..][..n].as_chunks::<BLOCK>().0;
+                let there = lent[shift..][..n].as_chunks::<BLOCK>().0;
+                let blocks = next[REACH_PX..][..n].as_chunks_mut::<BLOCK>().0;
+                for (next, (here, there)) in blocks.iter_mut().zip(here.iter().zip(there)) {
+                    for k in 0..BLOCK {
+                        next[k] = if here[k] == NONE { there[k] } else { here[k] };
+                    }
                 }
                 std::mem::swap(&mut lent, &mut next);
             }
             let inner = &lent[REACH_PX..REACH_PX + width];
-            for (block, candidates) in candidates.chunks_mut(64).enumerate() {
-                let x = block * 64;
+            for (block, candidates) in candidates.chunks_mut(BLOCK).enumerate() {
+                let x = block * BLOCK;
                 let n = candidates.len();
                 let (own, cost, lent) = (&disparity[x..x + n], &cost[x..x + n], &inner[x..x + n]);
                 let mut borrowers = 0;

@@ -139,8 +139,9 @@ struct Rule {
 
 /// Pixels of one block: plain loops over arrays of this length become vector code.
 const BLOCK: usize = 64;
+const NARROW: usize = 8;
 
-/// Counts of a row, one for each place in a block. No row has more than 64 blocks.
+/// Counts of a row, one for each place in a block. No row has more than 64 blocks, and 7 narrow ones.
 struct Tally {
     asked: [u8; BLOCK],
     answered: [u8; BLOCK],
@@ -157,24 +158,14 @@ impl Rule {
             textured: [0; BLOCK],
             confidence: [0; BLOCK],
         };
-        for x in (0..fixed.len()).step_by(BLOCK) {
-            let n = BLOCK.min(fixed.len() - x);
-            let block = Block {
-                mask: &row.mask[x..x + n],
-                interpolated: &row.interpolated[x..x + n],
-                disparity: &row.disparity[x..x + n],
-                fixed: &mut fixed[x..x + n],
-                confidence: &mut confidence[x..x + n],
+        // Whole blocks, then narrower ones: single pixels are many times slower.
+        let (n, mut x) = (fixed.len(), 0);
+        while x < n {
+            x += match n - x {
+                BLOCK.. => self.write::<BLOCK>(row, x, fixed, confidence, &mut tally),
+                NARROW.. => self.write::<NARROW>(row, x, fixed, confidence, &mut tally),
+                _ => self.write::<1>(row, x, fixed, confidence, &mut tally),
             };
-            match row.confidence {
-                Confidence::Known(map) => block.confidence.copy_from_slice(&map[x..x + n]),
-                Confidence::OfCosts(scale, costs) => scale.rate(&costs[x..x + n], block.confidence),
-            }
-            if n == BLOCK {
-                self.write(block, BLOCK, &mut tally);
-            } else {
-                self.write(block, n, &mut tally);
-            }
         }
         let sum = |counts: &[u8]| counts.iter().copied().map(u32::from).sum();
         Counts {
@@ -185,15 +176,25 @@ impl Rule {
         }
     }
 
+    /// `N` pixels from column `x` on.
     #[inline(always)]
-    fn write(&self, block: Block<'_>, n: usize, tally: &mut Tally) {
-        let (mask, fixed, confidence) = (
-            &block.mask[..n],
-            &mut block.fixed[..n],
-            &mut block.confidence[..n],
-        );
-        let (interpolated, disparity) = (&block.interpolated[..n], &block.disparity[..n]);
-        for x in 0..n {
+    fn write<const N: usize>(
+        &self,
+        row: &Row<'_>,
+        x: usize,
+        fixed: &mut [u16],
+        confidence: &mut [u8],
+        tally: &mut Tally,
+    ) -> usize {
+        let span = x..x + N;
+        let (fixed, confidence) = (&mut fixed[span.clone()], &mut confidence[span.clone()]);
+        match row.confidence {
+            Confidence::Known(map) => confidence.copy_from_slice(&map[span.clone()]),
+            Confidence::OfCosts(scale, costs) => scale.rate(&costs[span.clone()], confidence),
+        }
+        let mask = &row.mask[span.clone()];
+        let (interpolated, disparity) = (&row.interpolated[span.clone()], &row.disparity[span]);
+        for x in 0..N {
             let sure = confidence[x];
             let valid = u8::from(sure > 0);
             let wanted = mask[x] | self.everything;
@@ -207,16 +208,8 @@ impl Rule {
             let value = (disparity[x] & valid) | (interpolated[x] & !valid);
             fixed[x] = (value + self.offset).max(1) & u16::from(kept).wrapping_neg();
         }
+        N
     }
-}
-
-/// Some pixels of a row; `confidence` holds what is known of them and then what is published.
-struct Block<'a> {
-    mask: &'a [u8],
-    interpolated: &'a [u16],
-    disparity: &'a [u16],
-    fixed: &'a mut [u16],
-    confidence: &'a mut [u8],
 }
 
 fn share(part: u32, whole: u32) -> f32 {

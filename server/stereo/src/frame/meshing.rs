@@ -121,24 +121,27 @@ impl Frame {
     /// Rasterises the triangles that changed.
     pub(super) fn interpolate(&mut self, rung: &Rung) -> Stage {
         let (width, max_fixed) = (self.width(), self.window.max_fixed());
+        let (height, changes) = (self.window.roi.height, &mut self.changes);
         let changed = self.triangulation.triangles_from(self.rasterised_vertices);
         let changed = changed.map(|triangle| triangle.vertices);
-        self.changes.reset(self.window.roi.height);
-        let changes = &mut self.changes;
-        interpolate::fill_reporting(
-            self.level,
-            &mut self.interpolated,
-            width,
-            changed,
-            max_fixed,
-            |y, from, to| {
-                changes.mark(
-                    y,
-                    from.saturating_sub(WINDOW_REACH_PX),
-                    (to + WINDOW_REACH_PX).min(width - 1),
-                );
-            },
-        );
+        if self.rasterised_vertices == 0 {
+            changes.everything(height);
+            interpolate::fill(self.level, &mut self.interpolated, width, changed, max_fixed);
+        } else {
+            changes.reset(height);
+            let mark = |y: usize, from: usize, to: usize| {
+                let end = (to + WINDOW_REACH_PX).min(width - 1);
+                changes.mark(y, from.saturating_sub(WINDOW_REACH_PX), end);
+            };
+            interpolate::fill_reporting(
+                self.level,
+                &mut self.interpolated,
+                width,
+                changed,
+                max_fixed,
+                mark,
+            );
+        }
         self.rasterised_vertices = self.triangulation.vertices();
         if let Work::Paper { occupancy_px } = rung.work {
             self.occupancy.reset(occupancy_px, self.width(), self.height());
