@@ -17,12 +17,20 @@ const REACH: (usize, usize) = (2, 1);
 /// Surroundings within this many 1/64 px of the level are one surface.
 const ONE_SURFACE: u16 = FIXED_PER_PX * 5 / 2;
 
+/// Scratch of a row: least and largest disparities of the rows around, with margins that repeat the border.
+#[derive(Debug, Default)]
+pub(crate) struct Scratch {
+    least: Vec<u16>,
+    most: Vec<u16>,
+}
+
 /// Turns `valid` (1 where confirmed) of a map of rows of `width` into certainties.
-pub(crate) fn rate(level: Level, width: usize, disparity: &[u16], valid: &mut [u8]) {
+pub(crate) fn rate(level: Level, width: usize, disparity: &[u16], valid: &mut [u8], scratch: &mut Scratch) {
     level.run(Rate {
         width,
         disparity,
         valid,
+        scratch,
     });
 }
 
@@ -30,6 +38,7 @@ struct Rate<'a> {
     width: usize,
     disparity: &'a [u16],
     valid: &'a mut [u8],
+    scratch: &'a mut Scratch,
 }
 
 impl Kernel for Rate<'_> {
@@ -41,11 +50,13 @@ impl Kernel for Rate<'_> {
             width,
             disparity,
             valid,
+            scratch,
         } = self;
         let last = disparity.len() / width - 1;
-        // Least and largest of the rows around, with margins that repeat the border.
-        let mut least = vec![0; width + 2 * REACH.0];
-        let mut most = least.clone();
+        let Scratch { least, most } = scratch;
+        for row in [&mut *least, &mut *most] {
+            row.resize(width + 2 * REACH.0, 0);
+        }
         for (y, valid) in valid.chunks_exact_mut(width).enumerate() {
             let [above, here, below] = [y.saturating_sub(REACH.1), y, (y + REACH.1).min(last)]
                 .map(|y| &disparity[y * width..][..width]);
@@ -55,7 +66,7 @@ impl Kernel for Rate<'_> {
                 *least = above[x].min(here[x]).min(below[x]);
                 *most = above[x].max(here[x]).max(below[x]);
             }
-            for row in [&mut least, &mut most] {
+            for row in [&mut *least, &mut *most] {
                 let (first, last) = (row[REACH.0], row[REACH.0 + width - 1]);
                 row[..REACH.0].fill(first);
                 row[REACH.0 + width..].fill(last);

@@ -1,10 +1,10 @@
 //! One level of the image pyramid: a band of semi-global matching around a prior, checked, cleaned and filled.
 
-use crate::band::{Band, Penalties, Views};
+use crate::band::{Band, GROUP, Penalties, Views};
 use crate::census::{Census, Pattern};
 use crate::disparity::FIXED_PER_PX;
 use crate::plane::Plane;
-use crate::simd::{LABELS, Level};
+use crate::simd::{Kernel, LABELS, Lanes, Level};
 use crate::speckle::Speckle;
 use crate::{certainty, fill, upsample, winner};
 
@@ -16,36 +16,41 @@ pub(crate) struct Constants {
     pub(crate) speckle_px: u32,
 }
 
-/// The parts of a level's work, in order.
+/// Where a level's work goes on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Part {
-    /// Matching costs.
-    Costs,
-    /// Paths along rows.
-    Across,
-    /// Paths from the top.
-    Down,
-    /// Paths from the bottom.
-    Up,
-    /// Winners, and whether both views agree.
-    Choose,
+pub(crate) enum Step {
+    /// Matching costs and paths along rows and from the top, from row `row` on.
+    Forwards { row: usize },
+    /// Paths from the bottom, winners, and whether both views agree, above row `end`.
+    Backwards { end: usize },
     /// Speckles removed, gaps filled.
     Clean,
 }
 
-impl Part {
-    pub(crate) const ALL: [Self; 6] = [
-        Self::Costs,
-        Self::Across,
-        Self::Down,
-        Self::Up,
-        Self::Choose,
-        Self::Clean,
-    ];
+impl Step {
+    /// The first one.
+    pub(crate) const START: Self = Self::Forwards { row: 0 };
 }
 
-/// Labels of the band below its centre.
-const BELOW_CENTRE: usize = LABELS / 2 - 1;
+/// Rows in one step.
+const ROWS_A_STEP: usize = 128;
+/// Rows that are taken from their costs to their sums while both are in the cache.
+const ROWS_AT_ONCE: usize = 32;
+
+/// Labels of the band below its centre; there is one more above it.
+const BELOW_CENTRE: u16 = 7;
+
+/// Columns and rows of a full resolution map from one centre to the next.
+const CENTRES_APART: u16 = 4;
+
+/// Where to cut `from..end` after `rows` rows, or a few more if less than a group of rows were left.
+fn cut(from: usize, rows: usize, end: usize) -> usize {
+    if from + rows + GROUP > end {
+        end
+    } else {
+        from + rows
+    }
+}
 
 /// Planes, band and result of one level.
 #[derive(Debug, Default)]
@@ -63,6 +68,8 @@ pub(crate) struct Coarse {
     disparity: Vec<u16>,
     valid: Vec<u8>,
     speckle: Speckle,
+    gaps: fill::Scratch,
+    around: certainty::Scratch,
     winners: winner::Scratch,
     row: Vec<u16>,
 }
@@ -118,70 +125,121 @@ impl Coarse {
         (&self.disparity, &self.valid)
     }
 
-    /// Centres the bands on a full resolution map (rows of `width`), which is `scale` times as fine.
-    pub(crate) fn centre_on_map(&mut self, map: &[u16], width: usize, scale: usize) {
-        let last = map.len() / width - 1;
+    /// Centres the bands on a full resolution map (rows of `width`), which is [`CENTRES_APART`] times as fine.
+    pub(crate) fn centre_on_map(&mut self, level: Level, map: &[u16], width: usize) {
+        let (apart, last) = (usize::from(CENTRES_APART), map.len() / width - 1);
+        let inside = self.left.width();
         for y in 0..self.height() {
-            let row = &map[(scale * y + scale / 2).min(last) * width..][..width];
+            let row = &map[(apart * y + apart / 2).min(last) * width..][..width];
+            // The last pixel may be cut off before its centre.
+            let centre = |group: &[u16]| group[(apart / 2).min(group.len() - 1)] / CENTRES_APART;
             self.row.clear();
-            let columns = (0..self.left.width()).map(|x| (scale * x + scale / 2).min(width - 1));
-            self.row
-                .extend(columns.map(|x| row[x] / u16::try_from(scale).unwrap_or(u16::MAX)));
-            self.centre_row(y);
+            self.row.extend(row.chunks(apart).take(inside).map(centre));
+            self.centre_row(level, y);
         }
     }
 
     /// Centres the bands on the next coarser level's result.
     pub(crate) fn centre_on(&mut self, level: Level, coarser: &Self) {
+        self.row.resize(self.left.width(), 0);
         for y in 0..self.height() {
-            self.row.resize(self.left.width(), 0);
-            upsample::row(level, &coarser.disparity, coarser.width(), y, &mut self.row);
-            self.centre_row(y);
+            let (map, width) = (&coarser.disparity, coarser.width());
+            upsample::row(level, map, width, y, u16::MAX, &mut self.row);
+            self.centre_row(level, y);
         }
     }
 
     /// Bands around `self.row`, kept within the labels there are.
-    fn centre_row(&mut self, y: usize) {
-        let largest = self.labels - LABELS;
+    fn centre_row(&mut self, level: Level, y: usize) {
         let starts = self.band.first_row_mut(y);
         let (inside, padding) = starts.split_at_mut(self.row.len());
-        for (start, centre) in inside.iter_mut().zip(&self.row) {
-            let nearest = usize::from((centre + FIXED_PER_PX / 2) / FIXED_PER_PX);
-            *start = u8::try_from(nearest.saturating_sub(BELOW_CENTRE).min(largest)).unwrap_or(u8::MAX);
-        }
+        level.run(Centre {
+            centres: &self.row,
+            largest: u8::try_from(self.labels - LABELS).unwrap_or(u8::MAX),
+            starts: inside,
+        });
         padding.fill(inside[inside.len() - 1]);
     }
 
-    /// One part of the way from the bands to the filled result; the parts are to be done in order.
-    pub(crate) fn solve(&mut self, level: Level, constants: &Constants, part: Part) {
+    /// One step of the way from the bands to the filled result, beginning with [`Step::START`]; the answer is the next one.
+    pub(crate) fn solve(&mut self, level: Level, constants: &Constants, step: Step) -> Option<Step> {
+        let (width, height) = (self.left.width(), self.left.height());
         let views = Views {
             image: &self.left,
             left: &self.left_census,
             right: &self.right_census,
             penalties: constants.penalties,
         };
-        let rows = 0..self.left.height();
-        let width = self.left.width();
-        match part {
-            Part::Costs => self.band.costs(level, &views, rows),
-            Part::Across => self.band.across(level, &views, rows),
-            Part::Down => self.band.along(level, &views, rows, false),
-            Part::Up => self.band.along(level, &views, rows, true),
-            Part::Choose => {
-                let maps = self
-                    .disparity
-                    .chunks_exact_mut(width)
-                    .zip(self.valid.chunks_exact_mut(width));
-                for (y, (disparity, valid)) in maps.enumerate() {
-                    let band = (&self.band, self.columns_before);
-                    winner::row(level, band, y, &mut self.winners, disparity, valid);
+        match step {
+            Step::Forwards { row } => {
+                let end = cut(row, ROWS_A_STEP, height);
+                let mut top = row;
+                while top < end {
+                    let rows = top..cut(top, ROWS_AT_ONCE, end);
+                    top = rows.end;
+                    self.band.costs(level, &views, rows.clone());
+                    self.band.across(level, &views, rows.clone());
+                    self.band.along(level, &views, rows, false);
                 }
+                Some(if end < height {
+                    Step::Forwards { row: end }
+                } else {
+                    Step::Backwards { end: height }
+                })
             }
-            Part::Clean => {
-                self.speckle
-                    .remove(width, &self.disparity, &mut self.valid, constants.speckle_px);
-                fill::fill(width, &mut self.disparity, &self.valid);
-                certainty::rate(level, width, &self.disparity, &mut self.valid);
+            Step::Backwards { end } => {
+                let start = end.saturating_sub(ROWS_A_STEP);
+                for y in (start..end).rev() {
+                    self.band.along(level, &views, y..y + 1, true);
+                    let pixels = y * width..(y + 1) * width;
+                    let maps = (&mut self.disparity[pixels.clone()], &mut self.valid[pixels]);
+                    winner::row(
+                        level,
+                        (&self.band, self.columns_before),
+                        y,
+                        &mut self.winners,
+                        maps,
+                    );
+                }
+                Some(if start > 0 {
+                    Step::Backwards { end: start }
+                } else {
+                    Step::Clean
+                })
+            }
+            Step::Clean => {
+                self.speckle.remove(
+                    level,
+                    width,
+                    &self.disparity,
+                    &mut self.valid,
+                    constants.speckle_px,
+                );
+                fill::fill(level, width, &mut self.disparity, &self.valid, &mut self.gaps);
+                certainty::rate(level, width, &self.disparity, &mut self.valid, &mut self.around);
+                None
+            }
+        }
+    }
+}
+
+struct Centre<'a> {
+    /// In 1/64 px.
+    centres: &'a [u16],
+    largest: u8,
+    starts: &'a mut [u8],
+}
+
+impl Kernel for Centre<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, _: L) {
+        for (start, centre) in self.starts.iter_mut().zip(self.centres) {
+            let nearest = (centre + FIXED_PER_PX / 2) / FIXED_PER_PX;
+            #[expect(clippy::cast_possible_truncation, reason = "at most `largest`")]
+            {
+                *start = nearest.saturating_sub(BELOW_CENTRE).min(u16::from(self.largest)) as u8;
             }
         }
     }

@@ -20,7 +20,7 @@ use crate::simd::Level;
 use crate::support::{Buckets, Candidate, Support};
 use crate::surface::Surface;
 use crate::triangulation::Triangulation;
-use crate::{certainty, output_mesh};
+use crate::{certainty, output_mesh, smooth};
 
 mod dense;
 mod meshing;
@@ -96,6 +96,7 @@ pub(crate) struct Frame {
     confidence: Vec<u8>,
     half: Coarse,
     quarter: Coarse,
+    smoothing: smooth::Scratch,
     surface: Surface,
     /// Where the candidates to evaluate changed.
     changes: Changes,

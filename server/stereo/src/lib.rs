@@ -75,6 +75,7 @@ mod gradient;
 mod image;
 mod interpolate;
 mod ladder;
+mod marks;
 mod matcher;
 mod mesh;
 mod output_mesh;

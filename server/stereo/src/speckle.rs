@@ -1,5 +1,8 @@
 //! Speckles: small islands of disparities that fit nothing around them are usually wrong.
 
+use crate::marks;
+use crate::simd::{Kernel, Lanes, Level};
+
 /// Largest step in 1/64 px between neighbours of one island.
 const STEP: u16 = 64;
 
@@ -7,6 +10,8 @@ const STEP: u16 = 64;
 #[derive(Debug, Default)]
 pub(crate) struct Speckle {
     runs: Vec<Run>,
+    /// Where runs of a row begin or end.
+    ends: Vec<u8>,
 }
 
 /// Consecutive valid pixels of a row without a step.
@@ -22,14 +27,27 @@ struct Run {
 }
 
 impl Speckle {
-    /// Clears `valid` on islands of up to `max_size` pixels in a map of rows of `width`.
-    pub(crate) fn remove(&mut self, width: usize, disparity: &[u16], valid: &mut [u8], max_size: u32) {
+    /// Clears `valid` (ones and zeros) on islands of up to `max_size` pixels in a map of rows of `width`.
+    pub(crate) fn remove(
+        &mut self,
+        level: Level,
+        width: usize,
+        disparity: &[u16],
+        valid: &mut [u8],
+        max_size: u32,
+    ) {
         self.runs.clear();
+        marks::clear(&mut self.ends, width);
         let mut above = 0..0;
         let rows = disparity.chunks_exact(width).zip(valid.chunks_exact(width));
-        for (y, (row, row_valid)) in rows.enumerate() {
+        for (y, (disparities, valid)) in rows.enumerate() {
             let first = self.runs.len();
-            self.find_runs(y * width, row, row_valid);
+            level.run(MarkEnds {
+                disparity: disparities,
+                valid,
+                ends: &mut self.ends,
+            });
+            self.find_runs(y * width, valid);
             self.join(above, first, width, disparity);
             above = first..self.runs.len();
         }
@@ -42,27 +60,22 @@ impl Speckle {
         }
     }
 
-    fn find_runs(&mut self, at: usize, row: &[u16], valid: &[u8]) {
-        let mut x = 0;
-        while x < row.len() {
-            if valid[x] == 0 {
-                x += 1;
-                continue;
+    /// The runs between `ends` of a row whose first pixel is `at`.
+    fn find_runs(&mut self, at: usize, valid: &[u8]) {
+        let mut start = None;
+        for x in marks::positions(&self.ends) {
+            if let Some(start) = start {
+                // An image has fewer than 2^32 pixels and so fewer runs.
+                let [from, to, parent, size] = [at + start, at + x, self.runs.len(), x - start]
+                    .map(|n| u32::try_from(n).unwrap_or(u32::MAX));
+                self.runs.push(Run {
+                    from,
+                    to,
+                    parent,
+                    size,
+                });
             }
-            let start = x;
-            x += 1;
-            while x < row.len() && valid[x] != 0 && row[x].abs_diff(row[x - 1]) <= STEP {
-                x += 1;
-            }
-            // An image has fewer than 2^32 pixels and so fewer runs.
-            let [from, to, parent, size] = [at + start, at + x, self.runs.len(), x - start]
-                .map(|n| u32::try_from(n).unwrap_or(u32::MAX));
-            self.runs.push(Run {
-                from,
-                to,
-                parent,
-                size,
-            });
+            start = valid.get(x).is_some_and(|valid| *valid != 0).then_some(x);
         }
     }
 
@@ -81,7 +94,8 @@ impl Speckle {
                 if start >= to {
                     break;
                 }
-                if (start..end).any(|at| disparity[at].abs_diff(disparity[at + width]) <= STEP) {
+                let (upper, lower) = (&disparity[start..end], &disparity[start + width..end + width]);
+                if upper.iter().zip(lower).any(|(a, b)| a.abs_diff(*b) <= STEP) {
                     self.unite(index, other);
                 }
             }
@@ -108,5 +122,59 @@ impl Speckle {
             self.runs[small].parent = u32::try_from(large).unwrap_or(u32::MAX);
             self.runs[large].size += self.runs[small].size;
         }
+    }
+}
+
+/// Marks the pixels where a run ends just before or begins, the one behind the row among them.
+struct MarkEnds<'a> {
+    disparity: &'a [u16],
+    valid: &'a [u8],
+    ends: &'a mut [u8],
+}
+
+impl Kernel for MarkEnds<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, _: L) {
+        let last = self.valid.len() - 1;
+        let (before, here) = (&self.disparity[..last], &self.disparity[1..=last]);
+        let (valid_before, valid_here) = (&self.valid[..last], &self.valid[1..=last]);
+        (self.ends[0], self.ends[last + 1]) = (self.valid[0], self.valid[last]);
+        let ends = &mut self.ends[1..=last];
+        for x in 0..last {
+            let steps = u8::from(before[x].abs_diff(here[x]) > STEP);
+            ends[x] = (valid_before[x] ^ valid_here[x]) | (steps & valid_here[x]);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Speckle;
+    use crate::simd::Level;
+
+    fn kept(width: usize, disparity: &[u16], valid: &[u8], max_size: u32) -> Vec<u8> {
+        let mut valid = valid.to_vec();
+        Speckle::default().remove(Level::detect(), width, disparity, &mut valid, max_size);
+        valid
+    }
+
+    #[test]
+    fn islands_are_joined_over_rows_and_small_ones_are_removed() {
+        // A U of five pixels, and a pixel that touches it at another depth.
+        let disparity = [100, 900, 100, 100, 100, 100];
+        let valid = [1, 1, 1, 1, 1, 1];
+        assert_eq!(kept(3, &disparity, &valid, 1), [1, 0, 1, 1, 1, 1]);
+        assert_eq!(kept(3, &disparity, &valid, 4), [1, 0, 1, 1, 1, 1]);
+        assert_eq!(kept(3, &disparity, &valid, 5), [0; 6]);
+    }
+
+    #[test]
+    fn invalid_pixels_and_steps_separate_islands() {
+        let disparity = [64, 128, 192, 257, 257, 257, 257, 257, 257, 257];
+        let valid = [1, 1, 1, 1, 1, 1, 0, 1, 1, 0];
+        assert_eq!(kept(10, &disparity, &valid, 2), [1, 1, 1, 1, 1, 1, 0, 0, 0, 0]);
+        assert_eq!(kept(10, &disparity, &valid, 3), [0; 10]);
     }
 }

@@ -12,13 +12,13 @@ const LEFT_RIGHT_PX: u8 = 1;
 pub(crate) struct Scratch {
     /// Best (sum, disparity) of every pixel of the right view, mirrored.
     right: Vec<u16>,
+    /// Disparity of the best label of every pixel, and what the right view answers.
     whole: Vec<u8>,
-    /// Best, rank, before and after of every pixel, in the first four of its labels.
-    packed: Vec<u8>,
+    back: Vec<u8>,
     /// Sums before, at and after the best label.
-    before: Vec<u16>,
-    least: Vec<u16>,
-    after: Vec<u16>,
+    before: Vec<u8>,
+    least: Vec<u8>,
+    after: Vec<u8>,
 }
 
 /// Fills one row: `disparity` in 1/64 px of the level, `valid` 1 where the right view, which has `columns_before` columns
@@ -28,8 +28,7 @@ pub(crate) fn row(
     (band, columns_before): (&Band, isize),
     y: usize,
     scratch: &mut Scratch,
-    disparity: &mut [u16],
-    valid: &mut [u8],
+    (disparity, valid): (&mut [u16], &mut [u8]),
 ) {
     level.run(Row {
         band,
@@ -63,112 +62,137 @@ impl Kernel for Row<'_> {
             disparity,
             valid,
         } = self;
+        let width = disparity.len();
         let (first, sums) = band.result_row(y);
-        let width = first.len();
-        let sums = sums.as_chunks::<LABELS>().0;
+        let Scratch {
+            right,
+            whole,
+            back,
+            before,
+            least,
+            after,
+        } = scratch;
+        for row in [&mut *whole, &mut *back, &mut *before, &mut *least, &mut *after] {
+            row.resize(first.len(), 0);
+        }
+        for x in (0..width).step_by(L::BYTES) {
+            let best = winners(lanes, &sums[x..x + L::BYTES]);
+            lanes.store(lanes.add(best.label, lanes.load(&first[x..])), &mut whole[x..]);
+            lanes.store(best.before, &mut before[x..]);
+            lanes.store(best.least, &mut least[x..]);
+            lanes.store(best.after, &mut after[x..]);
+        }
+        below_a_pixel(
+            &whole[..width],
+            [&before[..width], &least[..width], &after[..width]],
+            disparity,
+        );
         // Mirrored, so that a pixel's labels meet consecutive right pixels; beyond the image's left end there is room.
-        let right = &mut scratch.right;
         right.clear();
         right.resize(width + usize::from(u8::MAX) + LABELS, u16::MAX);
-        scratch.whole.resize(width, 0);
-        let (whole, disparity) = (&mut scratch.whole[..width], &mut disparity[..width]);
-        scratch.packed.resize(band.pitch() * LABELS, 0);
-        pack(lanes, sums.as_flattened(), &mut scratch.packed);
-        let (packed, _) = scratch.packed.as_chunks::<LABELS>();
-        for row in [&mut scratch.before, &mut scratch.least, &mut scratch.after] {
-            row.resize(width, 0);
-        }
-        let (before, least) = (&mut scratch.before[..width], &mut scratch.least[..width]);
-        let after = &mut scratch.after[..width];
-        for x in 0..width {
-            let [best, rank, below, above, ..] = packed[x];
-            (before[x], least[x], after[x]) = (u16::from(below), u16::from(!best), u16::from(above));
-            whole[x] = first[x] + (HIGHEST_RANK - rank);
-            // At the band's ends there is only one neighbour, and nothing to fit: as if both were alike.
-            if rank == HIGHEST_RANK || rank == 1 {
-                (before[x], after[x]) = (255, 255);
+        // Neighbours meet the same right pixels, and a load that overlaps a store just made waits for it: so they are
+        // taken far apart.
+        let (right, first) = (&mut right[..], &first[..width]);
+        for phase in 0..2 * LABELS {
+            for x in (phase / 2 + phase % 2 * LABELS..width).step_by(2 * LABELS) {
+                let at = width - 1 - x + usize::from(first[x]);
+                if let Some(right) = right[at..].first_chunk_mut::<LABELS>() {
+                    lanes.keep_least(right, &sums[x], u16::from(first[x]));
+                }
             }
         }
-        for x in 0..width {
-            // Two lines of equal slope through the best and its neighbours: 32 * |before - after| / steepest, at most 32,
-            // by long division, for which a few operations on whole rows do.
-            let steepest = before[x].max(after[x]) - least[x];
-            let mut rest = before[x].abs_diff(after[x]);
-            let mut step = 0;
-            for _ in 0..6 {
-                let bit = u16::from(rest >= steepest).wrapping_neg();
-                step = (step << 1) | (bit & 1);
-                rest = (rest - (steepest & bit)) << 1;
-            }
-            let step = step & u16::from(steepest > 0).wrapping_neg();
-            let fixed = u16::from(whole[x]) * FIXED_PER_PX;
-            let (less, more) = (fixed.saturating_sub(step), fixed + step);
-            disparity[x] = if before[x] < after[x] { less } else { more };
+        // What lies beyond the right view's left border agrees with nothing.
+        right[width
+            .saturating_add_signed(columns_before)
+            .min(width + usize::from(u8::MAX))..]
+            .fill(u16::MAX);
+        for (x, back) in back[..width].iter_mut().enumerate() {
+            [_, *back] = right[width - 1 - x + usize::from(whole[x])].to_be_bytes();
         }
-        // Neighbours meet the same right pixels; taking every sixteenth keeps loads from waiting for stores just made.
-        for phase in 0..LABELS {
-            for x in (phase..width).step_by(LABELS) {
-                let start = u16::from(first[x]);
-                let at = width - 1 - x + usize::from(start);
-                let Some(right) = right[at..].first_chunk_mut::<LABELS>() else {
-                    continue;
-                };
-                lanes.keep_least(right, &sums[x], start);
-            }
-        }
-        for (x, valid) in valid[..width].iter_mut().enumerate() {
-            let d = usize::from(whole[x]);
-            let [_, back] = right[width - 1 - x + d].to_be_bytes();
-            let seen = d.cast_signed() <= x.cast_signed() + columns_before;
-            *valid = u8::from(seen && back.abs_diff(whole[x]) <= LEFT_RIGHT_PX);
+        for ((valid, whole), back) in valid.iter_mut().zip(&*whole).zip(&*back) {
+            *valid = u8::from(back.abs_diff(*whole) <= LEFT_RIGHT_PX);
         }
     }
 }
 
-/// Label k has rank 16 - k: the first of equals has the highest.
-const RANKS: [u8; 64] = {
-    let mut ranks = [0; 64];
-    let mut k = 0;
-    while k < 64 {
-        #[expect(clippy::cast_possible_truncation, reason = "at most 16")]
-        {
-            ranks[k] = (LABELS - k % LABELS) as u8;
-        }
-        k += 1;
-    }
-    ranks
-};
-const HIGHEST_RANK: u8 = 16;
-
-/// Byte `which` of every pixel all ones.
-const fn only(which: usize) -> [u8; 64] {
-    let mut only = [0; 64];
-    let mut k = which;
-    while k < 64 {
-        only[k] = 255;
-        k += LABELS;
-    }
-    only
+/// The winners of as many pixels as a vector has bytes.
+struct Winners<V> {
+    label: V,
+    /// Sums of the label before the winner, of the winner, and of the one after it.
+    before: V,
+    least: V,
+    after: V,
 }
-const ONLY: [[u8; 64]; 4] = [only(0), only(1), only(2), only(3)];
 
-/// For every pixel of `sums`: 255 - the least sum, its rank, and the sums of the labels before and after it (0 where there
-/// is none).
+/// Of equal labels the first wins. At the band's ends there is only one neighbour, and nothing to fit: `before` and `after`
+/// are alike there.
 #[inline(always)]
-fn pack<L: Lanes>(lanes: L, sums: &[u8], packed: &mut [u8]) {
-    let ranks = lanes.load(&RANKS);
-    for (sums, packed) in sums.chunks_exact(L::BYTES).zip(packed.chunks_exact_mut(L::BYTES)) {
-        let sums = lanes.load(sums);
-        let inverse = lanes.xor(sums, lanes.splat(255));
-        let best = lanes.largest(inverse);
-        let rank = lanes.largest(lanes.and(lanes.equal(inverse, best), ranks));
-        let winner = lanes.equal(ranks, rank);
-        let before = lanes.largest(lanes.and(winner, lanes.label_below(sums)));
-        let after = lanes.largest(lanes.and(winner, lanes.label_above(sums)));
-        let mut all = lanes.and(best, lanes.load(&ONLY[0]));
-        all = lanes.add(all, lanes.and(rank, lanes.load(&ONLY[1])));
-        all = lanes.add(all, lanes.and(before, lanes.load(&ONLY[2])));
-        all = lanes.add(all, lanes.and(after, lanes.load(&ONLY[3])));
-        lanes.store(all, packed);
+fn winners<L: Lanes>(lanes: L, sums: &[[u8; LABELS]]) -> Winners<L::V> {
+    let mut labels = [lanes.splat(0); LABELS];
+    let lane = |lane: usize| &sums[lane % L::PIXELS * LABELS..][..LABELS];
+    let sixteens = [lane(0), lane(1), lane(2), lane(3)];
+    for (k, label) in labels.iter_mut().enumerate() {
+        *label = lanes.load_pixels(sixteens, k);
+    }
+    // Sixteen pixels' labels become sixteen labels of all pixels: four perfect shuffles transpose 16 x 16 bytes.
+    for _ in 0..4 {
+        let shuffled = labels;
+        for k in 0..LABELS / 2 {
+            (labels[2 * k], labels[2 * k + 1]) = lanes.interleave(shuffled[k], shuffled[k + LABELS / 2]);
+        }
+    }
+    let mut least = labels[0];
+    for label in &labels[1..] {
+        least = lanes.min(least, *label);
+    }
+    let worst = lanes.splat(u8::MAX);
+    let (mut label, mut before, mut after) = (lanes.splat(0), worst, worst);
+    for k in (0..LABELS).rev() {
+        let is_inner = k > 0 && k + 1 < LABELS;
+        let [below, above] = if is_inner {
+            [labels[k - 1], labels[k + 1]]
+        } else {
+            [worst; 2]
+        };
+        #[expect(clippy::cast_possible_truncation, reason = "below 16")]
+        let own = lanes.splat(k as u8);
+        let wins = lanes.equal(labels[k], least);
+        label = lanes.select(wins, own, label);
+        before = lanes.select(wins, below, before);
+        after = lanes.select(wins, above, after);
+    }
+    Winners {
+        label,
+        before,
+        least,
+        after,
+    }
+}
+
+/// Two lines of equal slope through the best and its neighbours: 32 * |before - after| / steepest, at most 32, by long
+/// division, for which a few operations on whole rows do.
+#[inline(always)]
+fn below_a_pixel(whole: &[u8], [before, least, after]: [&[u8]; 3], disparity: &mut [u16]) {
+    let width = disparity.len();
+    let (whole, before, least, after) = (
+        &whole[..width],
+        &before[..width],
+        &least[..width],
+        &after[..width],
+    );
+    for x in 0..width {
+        let (before, least, after) = (u16::from(before[x]), u16::from(least[x]), u16::from(after[x]));
+        let steepest = before.max(after) - least;
+        let mut rest = before.abs_diff(after);
+        let mut step = 0;
+        for _ in 0..6 {
+            let bit = u16::from(rest >= steepest).wrapping_neg();
+            step = (step << 1) | (bit & 1);
+            rest = (rest - (steepest & bit)) << 1;
+        }
+        let step = step & u16::from(steepest > 0).wrapping_neg();
+        let fixed = u16::from(whole[x]) * FIXED_PER_PX;
+        let (less, more) = (fixed.saturating_sub(step), fixed + step);
+        disparity[x] = if before < after { less } else { more };
     }
 }

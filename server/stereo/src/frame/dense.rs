@@ -12,10 +12,10 @@ use crate::{smooth, upsample};
 pub(crate) enum Part {
     /// Make the coarse levels' images and words.
     Shrink,
-    /// Solve part `next` of a quarter of the resolution.
-    Quarter { next: usize },
-    /// The same at half of it.
-    Half { next: usize },
+    /// Solve a quarter of the resolution.
+    Quarter(coarse::Step),
+    /// Solve half of it.
+    Half(coarse::Step),
     /// Bring the half resolution result to full resolution.
     Enlarge,
     /// Smooth the full resolution result.
@@ -27,8 +27,8 @@ impl Part {
     pub(super) fn name(self) -> &'static str {
         match self {
             Self::Shrink => "shrink",
-            Self::Quarter { .. } => "quarter band",
-            Self::Half { .. } => "half band",
+            Self::Quarter(_) => "quarter band",
+            Self::Half(_) => "half band",
             Self::Enlarge => "enlarge",
             Self::Smooth => "smooth",
         }
@@ -57,36 +57,31 @@ const HALF: Constants = Constants {
 impl Frame {
     /// Does `part`; the answer is what comes next.
     pub(super) fn dense_step(&mut self, part: Part) -> Stage {
-        let parts = coarse::Part::ALL;
         match part {
             Part::Shrink => {
                 self.shrink();
-                Stage::Dense(Part::Quarter { next: 0 })
+                Stage::Dense(Part::Quarter(coarse::Step::START))
             }
-            Part::Quarter { next } => {
-                self.quarter.solve(self.level, &QUARTER, parts[next]);
-                if next + 1 < parts.len() {
-                    return Stage::Dense(Part::Quarter { next: next + 1 });
+            Part::Quarter(step) => {
+                if let Some(next) = self.quarter.solve(self.level, &QUARTER, step) {
+                    return Stage::Dense(Part::Quarter(next));
                 }
                 self.half.centre_on(self.level, &self.quarter);
-                Stage::Dense(Part::Half { next: 0 })
+                Stage::Dense(Part::Half(coarse::Step::START))
             }
-            Part::Half { next } => {
-                self.half.solve(self.level, &HALF, parts[next]);
-                Stage::Dense(if next + 1 < parts.len() {
-                    Part::Half { next: next + 1 }
-                } else {
-                    Part::Enlarge
-                })
-            }
+            Part::Half(step) => Stage::Dense(
+                self.half
+                    .solve(self.level, &HALF, step)
+                    .map_or(Part::Enlarge, Part::Half),
+            ),
             Part::Enlarge => {
                 self.enlarge();
                 Stage::Publish
             }
             Part::Smooth => {
                 let (width, height) = (self.width(), self.height());
-                smooth::median(self.level, width, &self.disparity, 0..height, &mut self.proposed);
-                smooth::mean(self.level, width, &self.proposed, 0..height, &mut self.disparity);
+                let (from, to) = (&self.proposed, &mut self.disparity);
+                smooth::smooth(self.level, width, from, 0..height, to, &mut self.smoothing);
                 Stage::Publish
             }
         }
@@ -109,17 +104,14 @@ impl Frame {
             (half(left), half(right)),
             disparities / 2,
         );
-        self.quarter.centre_on_map(&self.interpolated, width, 4);
+        self.quarter.centre_on_map(self.level, &self.interpolated, width);
     }
 
     fn enlarge(&mut self) {
         let (width, max_fixed) = (self.width(), self.window.max_fixed());
         let (coarse, _) = self.half.result();
         for (y, row) in self.disparity.chunks_exact_mut(width).enumerate() {
-            upsample::row(self.level, coarse, self.half.width(), y, row);
-            for fixed in row {
-                *fixed = (*fixed).min(max_fixed);
-            }
+            upsample::row(self.level, coarse, self.half.width(), y, max_fixed, row);
         }
     }
 

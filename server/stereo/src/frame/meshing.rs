@@ -33,10 +33,7 @@ impl Frame {
         match rung.work {
             Work::Propagate => return Stage::Propagate { pass: 0 },
             Work::HalfBand => return Stage::Dense(dense::Part::Shrink),
-            Work::Full => {
-                self.proposed.copy_from_slice(&self.disparity);
-                return Stage::Evaluate { row: 0, pass: 0 };
-            }
+            Work::Full => return Stage::Evaluate { row: 0, pass: 0 },
             Work::Mesh { cell_px } => {
                 let size = (self.width(), self.height());
                 let unexplained = Unexplained {
@@ -182,14 +179,20 @@ impl Frame {
         let (width, height) = (self.width(), self.height());
         let end = (row + (PIXELS_A_STEP / width).next_multiple_of(STRIP_PX)).min(height);
         let band = row * width..end * width;
-        let (disparity, cost) = (&mut self.disparity[band.clone()], &mut self.cost[band]);
+        // The result of a dense rung is not touched before it is replaced as a whole.
+        let (from, to) = match rung.work {
+            Work::Mesh { .. } | Work::Paper { .. } => (&self.interpolated, &mut self.disparity),
+            Work::Propagate => (&self.proposed, &mut self.disparity),
+            Work::HalfBand | Work::Full => (&self.disparity, &mut self.proposed),
+        };
+        let (disparity, cost) = (&mut to[band.clone()], &mut self.cost[band]);
         match rung.work {
             Work::Paper { .. } => {
                 let iteration = Iteration {
                     left: &self.left_census,
                     right_image: &self.right,
                     mask: &self.gradient.mask,
-                    interpolated: &self.interpolated,
+                    interpolated: from,
                     width,
                     confident_below: recipe.confident_below,
                     invalid_above: recipe.valid_up_to,
@@ -202,11 +205,7 @@ impl Frame {
                     level: self.level,
                     left: &self.left_census,
                     right: &self.right_census,
-                    candidates: if is_mesh {
-                        &self.interpolated
-                    } else {
-                        &self.proposed
-                    },
+                    candidates: from,
                     width,
                     height,
                     window: rung.window,

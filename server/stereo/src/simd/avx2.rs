@@ -9,11 +9,11 @@ use std::arch::x86_64::{
     _mm256_min_epu16, _mm256_movemask_epi8, _mm256_or_si256, _mm256_permute2x128_si256, _mm256_set_m128i,
     _mm256_set1_epi8, _mm256_set1_epi16, _mm256_setr_epi8, _mm256_setr_epi16, _mm256_shuffle_epi8,
     _mm256_shuffle_epi32, _mm256_slli_epi16, _mm256_srli_epi16, _mm256_storeu_si256, _mm256_sub_epi8,
-    _mm256_subs_epu8, _mm256_xor_si256,
+    _mm256_subs_epu8, _mm256_unpackhi_epi8, _mm256_unpacklo_epi8, _mm256_xor_si256,
 };
 
 use super::Kernel;
-use super::lanes::{LABELS, Lanes};
+use super::lanes::{LABELS, Lanes, MOST_PIXELS};
 
 /// Whether this machine has the instructions `run` is compiled for.
 pub(super) fn is_available() -> bool {
@@ -90,11 +90,23 @@ impl Lanes for Avx2 {
     }
 
     #[inline(always)]
-    fn store_each(self, v: __m256i, to: &mut [u8], at: impl Fn(usize) -> usize) {
-        let low = &mut to[at(0)..][..LABELS];
-        // SAFETY: `self` proves that AVX2 is there; the slice has as many bytes as are written.
+    fn load_pixels(self, from: [&[[u8; LABELS]]; MOST_PIXELS], at: usize) -> __m256i {
+        let (low, high) = (&from[0][at], &from[1][at]);
+        // SAFETY: `self` proves that AVX2 is there; both arrays have as many bytes as are read.
+        unsafe {
+            _mm256_set_m128i(
+                _mm_loadu_si128(high.as_ptr().cast()),
+                _mm_loadu_si128(low.as_ptr().cast()),
+            )
+        }
+    }
+
+    #[inline(always)]
+    fn store_pixels(self, v: __m256i, to: &mut [&mut [[u8; LABELS]]; MOST_PIXELS], at: usize) {
+        let low = &mut to[0][at];
+        // SAFETY: `self` proves that AVX2 is there; the array has as many bytes as are written.
         unsafe { _mm_storeu_si128(low.as_mut_ptr().cast(), _mm256_castsi256_si128(v)) };
-        let high = &mut to[at(1)..][..LABELS];
+        let high = &mut to[1][at];
         // SAFETY: as above.
         unsafe { _mm_storeu_si128(high.as_mut_ptr().cast(), _mm256_extracti128_si256::<1>(v)) };
     }
@@ -167,6 +179,12 @@ impl Lanes for Avx2 {
             let high = _mm256_shuffle_epi8(ones, _mm256_and_si256(_mm256_srli_epi16::<4>(v), nibble));
             _mm256_add_epi8(low, high)
         }
+    }
+
+    #[inline(always)]
+    fn interleave(self, a: __m256i, b: __m256i) -> (__m256i, __m256i) {
+        // SAFETY: `self` proves that AVX2 is there.
+        unsafe { (_mm256_unpacklo_epi8(a, b), _mm256_unpackhi_epi8(a, b)) }
     }
 
     #[inline(always)]

@@ -13,12 +13,12 @@ use std::arch::x86_64::{
     _mm512_permutexvar_epi8, _mm512_popcnt_epi8, _mm512_rol_epi32, _mm512_set1_epi8, _mm512_set1_epi16,
     _mm512_set1_epi32, _mm512_setr_epi32, _mm512_setzero_si512, _mm512_shuffle_epi8, _mm512_shuffle_epi32,
     _mm512_srli_epi16, _mm512_srli_epi32, _mm512_storeu_si512, _mm512_sub_epi8, _mm512_subs_epu8,
-    _mm512_ternarylogic_epi64, _mm512_xor_si512,
+    _mm512_ternarylogic_epi64, _mm512_unpackhi_epi8, _mm512_unpacklo_epi8, _mm512_xor_si512,
 };
 
 use super::Kernel;
 use super::avx2::{least_of_16, most_of_16};
-use super::lanes::{LABELS, Lanes};
+use super::lanes::{LABELS, Lanes, MOST_PIXELS};
 
 /// Whether this machine has the instructions `run` is compiled for.
 pub(super) fn is_available() -> bool {
@@ -116,7 +116,19 @@ impl Lanes for Avx512 {
     }
 
     #[inline(always)]
-    fn store_each(self, v: __m512i, to: &mut [u8], at: impl Fn(usize) -> usize) {
+    fn load_pixels(self, from: [&[[u8; LABELS]]; MOST_PIXELS], at: usize) -> __m512i {
+        let (a, b, c, d) = (&from[0][at], &from[1][at], &from[2][at], &from[3][at]);
+        // SAFETY: `self` proves that AVX-512 is there; each array has as many bytes as are read.
+        unsafe {
+            let v = _mm512_castsi128_si512(_mm_loadu_si128(a.as_ptr().cast()));
+            let v = _mm512_inserti32x4::<1>(v, _mm_loadu_si128(b.as_ptr().cast()));
+            let v = _mm512_inserti32x4::<2>(v, _mm_loadu_si128(c.as_ptr().cast()));
+            _mm512_inserti32x4::<3>(v, _mm_loadu_si128(d.as_ptr().cast()))
+        }
+    }
+
+    #[inline(always)]
+    fn store_pixels(self, v: __m512i, to: &mut [&mut [[u8; LABELS]]; MOST_PIXELS], at: usize) {
         // SAFETY: `self` proves that AVX-512 is there.
         let lanes = unsafe {
             [
@@ -126,9 +138,9 @@ impl Lanes for Avx512 {
                 _mm512_extracti32x4_epi32::<3>(v),
             ]
         };
-        for (pixel, lane) in lanes.into_iter().enumerate() {
-            let to = &mut to[at(pixel)..][..LABELS];
-            // SAFETY: the slice has as many bytes as are written.
+        for (to, lane) in to.iter_mut().zip(lanes) {
+            let to = &mut to[at];
+            // SAFETY: the array has as many bytes as are written.
             unsafe { _mm_storeu_si128(to.as_mut_ptr().cast(), lane) };
         }
     }
@@ -185,6 +197,12 @@ impl Lanes for Avx512 {
     fn count_ones(self, v: __m512i) -> __m512i {
         // SAFETY: `self` proves that AVX-512 is there.
         unsafe { _mm512_popcnt_epi8(v) }
+    }
+
+    #[inline(always)]
+    fn interleave(self, a: __m512i, b: __m512i) -> (__m512i, __m512i) {
+        // SAFETY: `self` proves that AVX-512 is there.
+        unsafe { (_mm512_unpacklo_epi8(a, b), _mm512_unpackhi_epi8(a, b)) }
     }
 
     #[inline(always)]

@@ -5,6 +5,9 @@ pub(crate) const LABELS: usize = 16;
 /// Bytes of the widest vector there is.
 pub(crate) const MOST_BYTES: usize = 64;
 
+/// Pixels of the widest vector.
+pub(crate) const MOST_PIXELS: usize = 4;
+
 /// Vectors of [`LABELS`] bytes for each of `PIXELS` pixels. An implementor's value is the proof that its instructions exist.
 pub(crate) trait Lanes: Copy {
     /// A vector.
@@ -22,8 +25,10 @@ pub(crate) trait Lanes: Copy {
     fn store(self, v: Self::V, to: &mut [u8]);
     /// Pixel i's labels from `from[at(i)..]`.
     fn load_each(self, from: &[u8], at: impl Fn(usize) -> usize) -> Self::V;
-    /// Pixel i's labels to `to[at(i)..]`.
-    fn store_each(self, v: Self::V, to: &mut [u8], at: impl Fn(usize) -> usize);
+    /// Pixel i's labels from `from[i][at]`.
+    fn load_pixels(self, from: [&[[u8; LABELS]]; MOST_PIXELS], at: usize) -> Self::V;
+    /// Pixel i's labels to `to[i][at]`.
+    fn store_pixels(self, v: Self::V, to: &mut [&mut [[u8; LABELS]]; MOST_PIXELS], at: usize);
     /// The same byte everywhere.
     fn splat(self, byte: u8) -> Self::V;
     /// Byte i of the first `PIXELS` of `from` for all labels of pixel i.
@@ -61,6 +66,8 @@ pub(crate) trait Lanes: Copy {
         self.xor(v, self.splat(u8::MAX))
     }
 
+    /// Within each pixel: bytes 0 to 7 of `a` and `b` by turns (a0, b0, a1, b1, ..), and bytes 8 to 15.
+    fn interleave(self, a: Self::V, b: Self::V) -> (Self::V, Self::V);
     /// Label k becomes what label `k + by` was, 0 where there is no such label; `by` is a wrapping byte.
     fn shift(self, v: Self::V, by: Self::V) -> Self::V;
     /// Label k becomes what label k - 1 was, label 0 becomes 0.

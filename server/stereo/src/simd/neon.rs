@@ -3,10 +3,10 @@
 use std::arch::aarch64::{
     uint8x16_t, uint8x16x2_t, vaddq_u8, vandq_u8, vbslq_u8, vceqq_u8, vcntq_u8, vdupq_n_u8, veorq_u8,
     vextq_u8, vld1q_u8, vmaxq_u8, vmaxvq_u8, vminq_u8, vqaddq_u8, vqsubq_u8, vqtbl1q_u8, vqtbl2q_u8,
-    vrev64q_u8, vrhaddq_u8, vshrq_n_u8, vst1q_u8, vsubq_u8,
+    vrev64q_u8, vrhaddq_u8, vshrq_n_u8, vst1q_u8, vsubq_u8, vzip1q_u8, vzip2q_u8,
 };
 
-use super::lanes::{LABELS, Lanes};
+use super::lanes::{LABELS, Lanes, MOST_PIXELS};
 
 /// 64-bit ARM always has NEON, so this needs no detection.
 #[derive(Debug, Clone, Copy)]
@@ -48,8 +48,13 @@ impl Lanes for Neon {
     }
 
     #[inline(always)]
-    fn store_each(self, v: uint8x16_t, to: &mut [u8], at: impl Fn(usize) -> usize) {
-        self.store(v, &mut to[at(0)..]);
+    fn load_pixels(self, from: [&[[u8; LABELS]]; MOST_PIXELS], at: usize) -> uint8x16_t {
+        self.load(&from[0][at])
+    }
+
+    #[inline(always)]
+    fn store_pixels(self, v: uint8x16_t, to: &mut [&mut [[u8; LABELS]]; MOST_PIXELS], at: usize) {
+        self.store(v, &mut to[0][at]);
     }
 
     #[inline(always)]
@@ -99,6 +104,12 @@ impl Lanes for Neon {
     fn count_ones(self, v: uint8x16_t) -> uint8x16_t {
         // SAFETY: NEON is part of the target.
         unsafe { vcntq_u8(v) }
+    }
+
+    #[inline(always)]
+    fn interleave(self, a: uint8x16_t, b: uint8x16_t) -> (uint8x16_t, uint8x16_t) {
+        // SAFETY: NEON is part of the target.
+        unsafe { (vzip1q_u8(a, b), vzip2q_u8(a, b)) }
     }
 
     #[inline(always)]

@@ -1,6 +1,6 @@
 //! One pixel at a time, reading like the definitions.
 
-use super::lanes::{LABELS, Lanes};
+use super::lanes::{LABELS, Lanes, MOST_PIXELS};
 
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Scalar;
@@ -34,8 +34,13 @@ impl Lanes for Scalar {
     }
 
     #[inline(always)]
-    fn store_each(self, v: Labels, to: &mut [u8], at: impl Fn(usize) -> usize) {
-        self.store(v, &mut to[at(0)..]);
+    fn load_pixels(self, from: [&[[u8; LABELS]]; MOST_PIXELS], at: usize) -> Labels {
+        from[0][at]
+    }
+
+    #[inline(always)]
+    fn store_pixels(self, v: Labels, to: &mut [&mut [[u8; LABELS]]; MOST_PIXELS], at: usize) {
+        to[0][at] = v;
     }
 
     #[inline(always)]
@@ -112,6 +117,12 @@ impl Lanes for Scalar {
             let x = (x & 0x33) + ((x >> 2) & 0x33);
             (x + (x >> 4)) & 0x0F
         })
+    }
+
+    #[inline(always)]
+    fn interleave(self, a: Labels, b: Labels) -> (Labels, Labels) {
+        let from = |first: usize| std::array::from_fn(|k| [a, b][k % 2][first + k / 2]);
+        (from(0), from(LABELS / 2))
     }
 
     #[inline(always)]
