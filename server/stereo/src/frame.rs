@@ -96,7 +96,7 @@ pub(crate) struct Frame {
     confidence: Vec<u8>,
     half: Coarse,
     quarter: Coarse,
-    smoothing: smooth::Scratch,
+    smoothing: Vec<smooth::Scratch>,
     surface: Surface,
     /// Where the candidates to evaluate changed.
     changes: Changes,
@@ -283,7 +283,7 @@ impl Frame {
             Stage::Interpolate => Some(self.interpolate(rung)),
             Stage::Propagate { pass } => Some(self.propagate(pass)),
             Stage::Evaluate { row, pass } => self.evaluate(row, pass, rung, recipe, join),
-            Stage::Dense(part) => Some(self.dense_step(part)),
+            Stage::Dense(part) => Some(self.dense_step(part, join)),
             Stage::Publish => None,
         }
     }

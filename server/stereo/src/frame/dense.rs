@@ -4,6 +4,7 @@ use super::{Columns, Frame, Stage};
 use crate::band::Penalties;
 use crate::coarse::{self, Constants};
 use crate::confidence::{CostScale, rate_dense};
+use crate::fork_join::{self, ForkJoin};
 use crate::ladder::{Rung, Work};
 use crate::{smooth, upsample};
 
@@ -56,7 +57,7 @@ const HALF: Constants = Constants {
 
 impl Frame {
     /// Does `part`; the answer is what comes next.
-    pub(super) fn dense_step(&mut self, part: Part) -> Stage {
+    pub(super) fn dense_step(&mut self, part: Part, join: &dyn ForkJoin) -> Stage {
         match part {
             Part::Shrink => {
                 self.shrink();
@@ -75,13 +76,11 @@ impl Frame {
                     .map_or(Part::Enlarge, Part::Half),
             ),
             Part::Enlarge => {
-                self.enlarge();
+                self.enlarge(join);
                 Stage::Publish
             }
             Part::Smooth => {
-                let (width, height) = (self.width(), self.height());
-                let (from, to) = (&self.proposed, &mut self.disparity);
-                smooth::smooth(self.level, width, from, 0..height, to, &mut self.smoothing);
+                self.smooth(join);
                 Stage::Publish
             }
         }
@@ -107,12 +106,30 @@ impl Frame {
         self.quarter.centre_on_map(self.level, &self.interpolated, width);
     }
 
-    fn enlarge(&mut self) {
-        let (width, max_fixed) = (self.width(), self.window.max_fixed());
-        let (coarse, _) = self.half.result();
-        for (y, row) in self.disparity.chunks_exact_mut(width).enumerate() {
-            upsample::row(self.level, coarse, self.half.width(), y, max_fixed, row);
+    fn enlarge(&mut self, join: &dyn ForkJoin) {
+        let (level, width, max_fixed) = (self.level, self.width(), self.window.max_fixed());
+        let (coarse, coarse_width) = (self.half.result().0, self.half.width());
+        let rows = self.height().div_ceil(fork_join::pieces(join));
+        let parts = self.disparity.chunks_mut(rows * width);
+        fork_join::for_each(join, parts, |piece, part| {
+            for (y, row) in (piece * rows..).zip(part.chunks_exact_mut(width)) {
+                upsample::row(level, coarse, coarse_width, y, max_fixed, row);
+            }
+        });
+    }
+
+    fn smooth(&mut self, join: &dyn ForkJoin) {
+        let (level, width, from) = (self.level, self.width(), &self.proposed);
+        let pieces = fork_join::pieces(join);
+        if self.smoothing.len() < pieces {
+            self.smoothing.resize_with(pieces, Default::default);
         }
+        let rows = self.height().div_ceil(pieces);
+        let parts = self.disparity.chunks_mut(rows * width);
+        fork_join::for_each(join, parts.zip(&mut self.smoothing), |piece, (to, scratch)| {
+            let first = piece * rows;
+            smooth::smooth(level, width, from, first..first + to.len() / width, to, scratch);
+        });
     }
 
     /// Confidences after a dense rung.
