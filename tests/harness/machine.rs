@@ -30,7 +30,14 @@ fn commit() -> String {
     let Some(commit) = git(&["rev-parse", "--short", "HEAD"]) else {
         return "unknown".to_owned();
     };
-    let changed = git(&["status", "--porcelain", "--", ":/", ":!:/*.md", ":!:/*.svg"]);
+    let changed = git(&[
+        "status",
+        "--porcelain",
+        "--",
+        ":/",
+        ":(top,exclude)*.md",
+        ":(top,exclude)*.svg",
+    ]);
     if changed.is_some_and(|files| files.is_empty()) {
         commit
     } else {
