@@ -36,10 +36,10 @@ pub(crate) enum Stage {
     Insert { next: usize },
     /// Rasterise the triangles that changed.
     Interpolate,
-    /// Make the candidates of propagation pass `pass`.
-    Propagate { pass: usize },
+    /// Make the candidates of propagation.
+    Propagate,
     /// Evaluate costs from row `row` on.
-    Evaluate { row: usize, pass: usize },
+    Evaluate { row: usize },
     /// Do a part of the dense rungs' work.
     Dense(dense::Part),
     /// Rate and write the result.
@@ -54,7 +54,7 @@ impl Stage {
             Self::Search { .. } => "search",
             Self::Insert { .. } => "triangulate",
             Self::Interpolate => "interpolate",
-            Self::Propagate { .. } => "propagate",
+            Self::Propagate => "propagate",
             Self::Evaluate { .. } => "evaluate",
             Self::Dense(part) => part.name(),
             Self::Publish => "publish",
@@ -281,8 +281,8 @@ impl Frame {
             Stage::Search { next } => Some(self.search(next, recipe)),
             Stage::Insert { next } => Some(self.insert(next)),
             Stage::Interpolate => Some(self.interpolate(rung)),
-            Stage::Propagate { pass } => Some(self.propagate(pass)),
-            Stage::Evaluate { row, pass } => self.evaluate(row, pass, rung, recipe, join),
+            Stage::Propagate => Some(self.propagate()),
+            Stage::Evaluate { row } => self.evaluate(row, rung, recipe, join),
             Stage::Dense(part) => Some(self.dense_step(part, join)),
             Stage::Publish => None,
         }

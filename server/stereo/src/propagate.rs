@@ -1,18 +1,10 @@
-//! Propagation: a pixel that failed tries the disparity of the nearest pixel that did not, from one side after another
-//! (the spatial step of PatchMatch Stereo, Bleyer, Rhemann and Rother 2011).
+//! Propagation: a pixel that failed tries the disparity of the nearest pixel of its row that did not (the spatial step of PatchMatch Stereo, Bleyer, Rhemann and Rother 2011).
 //!
 //! It makes a map of candidates; the ordinary cost evaluation decides. Thin things and object borders, which no triangle
 //! fits, get their disparity from the part of them that was found.
 
 use crate::changes::Changes;
 use crate::simd::{Kernel, Lanes, Level};
-
-/// Where a candidate comes from.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum From {
-    Left,
-    Right,
-}
 
 /// How far a disparity travels, px.
 const REACH_PX: usize = 8;
@@ -41,17 +33,15 @@ pub(crate) struct Found<'a> {
 }
 
 /// Writes to `candidates` the disparity each pixel tries: its own where it is good or nobody near is, else the one of the
-/// nearest good pixel on side `from`. Marks the pixels that borrow in `changes`.
+/// nearest good pixel of its row. Near are those 1 px away, then 2 and 3, 4 to 7, and 8; those on the left come first. Marks the pixels that borrow in `changes`.
 pub(crate) fn candidates(
     level: Level,
-    from: From,
     found: Found<'_>,
     candidates: &mut [u16],
     changes: &mut Changes,
     scratch: &mut Scratch,
 ) {
     level.run(Candidates {
-        from,
         found,
         candidates,
         changes,
@@ -60,7 +50,6 @@ pub(crate) fn candidates(
 }
 
 struct Candidates<'a> {
-    from: From,
     found: Found<'a>,
     candidates: &'a mut [u16],
     changes: &'a mut Changes,
@@ -73,7 +62,6 @@ impl Kernel for Candidates<'_> {
     #[inline(always)]
     fn run<L: Lanes>(self, _: L) {
         let Self {
-            from,
             found,
             candidates,
             changes,
@@ -98,19 +86,18 @@ impl Kernel for Candidates<'_> {
                 let good = u16::from(*cost < GOOD_BELOW).wrapping_neg();
                 *lent = (*disparity).min(found.max_fixed) | !good;
             }
-            // Each step takes what lies `step` away: after these, from up to 1, 3, 7 and 8 away, the nearest first.
+            // Each step takes what lies `step` away: after these, from up to 1, 3, 7 and 8 away.
             for step in [1, 2, 4, 1] {
-                let shift = match from {
-                    From::Left => REACH_PX - step,
-                    From::Right => REACH_PX + step,
-                };
                 let n = lent.len() - 2 * REACH_PX;
                 let here = lent[REACH_PX..][..n].as_chunks::<BLOCK>().0;
-                let there = lent[shift..][..n].as_chunks::<BLOCK>().0;
+                let left = lent[REACH_PX - step..][..n].as_chunks::<BLOCK>().0;
+                let right = lent[REACH_PX + step..][..n].as_chunks::<BLOCK>().0;
                 let blocks = next[REACH_PX..][..n].as_chunks_mut::<BLOCK>().0;
-                for (next, (here, there)) in blocks.iter_mut().zip(here.iter().zip(there)) {
+                for (block, next) in blocks.iter_mut().enumerate() {
+                    let (here, left, right) = (&here[block], &left[block], &right[block]);
                     for k in 0..BLOCK {
-                        next[k] = if here[k] == NONE { there[k] } else { here[k] };
+                        let beside = if left[k] == NONE { right[k] } else { left[k] };
+                        next[k] = if here[k] == NONE { beside } else { here[k] };
                     }
                 }
                 std::mem::swap(&mut lent, &mut next);

@@ -8,7 +8,7 @@ use crate::epipolar::Views;
 use crate::fork_join::{self, ForkJoin};
 use crate::ladder::{Detector, Recipe, Rung, Work};
 use crate::paper::Iteration;
-use crate::propagate::{self, From};
+use crate::propagate;
 use crate::support::{self, Unexplained};
 use crate::{fast, interpolate};
 
@@ -18,8 +18,6 @@ const SEARCHES_A_STEP: usize = 256;
 const INSERTIONS_A_STEP: usize = 512;
 /// Pixels evaluated in one step.
 const PIXELS_A_STEP: usize = 65_536;
-/// Propagation passes of a rung.
-const PASSES: [From; 2] = [From::Left, From::Right];
 /// Supports this far from the mesh, in px, are news to it.
 const NEWS_PX: f32 = 2.0;
 /// A window's reach around its pixel, at most.
@@ -31,9 +29,9 @@ impl Frame {
         let is_first = self.supports.is_empty() && self.rasterised_vertices == 0;
         self.fresh.clear();
         match rung.work {
-            Work::Propagate => return Stage::Propagate { pass: 0 },
+            Work::Propagate => return Stage::Propagate,
             Work::HalfBand => return Stage::Dense(dense::Part::Shrink),
-            Work::Full => return Stage::Evaluate { row: 0, pass: 0 },
+            Work::Full => return Stage::Evaluate { row: 0 },
             Work::Mesh { cell_px } => {
                 let size = (self.width(), self.height());
                 let unexplained = Unexplained {
@@ -143,35 +141,33 @@ impl Frame {
         if let Work::Paper { occupancy_px } = rung.work {
             self.occupancy.reset(occupancy_px, self.width(), self.height());
         }
-        Stage::Evaluate { row: 0, pass: 0 }
+        Stage::Evaluate { row: 0 }
     }
 
-    /// Makes the candidates of a propagation pass.
-    pub(super) fn propagate(&mut self, pass: usize) -> Stage {
+    /// Makes the candidates of propagation.
+    pub(super) fn propagate(&mut self) -> Stage {
         self.changes.reset(self.height());
         let found = propagate::Found {
             width: self.window.roi.width,
             disparity: &self.disparity,
             cost: &self.cost,
-            // The evaluation may end one above what it tries: lent from pass to pass, that would leave the range.
+            // The evaluation may end one above what it tries: lent, that would leave the range.
             max_fixed: self.window.max_fixed(),
         };
         propagate::candidates(
             self.level,
-            PASSES[pass],
             found,
             &mut self.proposed,
             &mut self.changes,
             &mut self.lending,
         );
-        Stage::Evaluate { row: 0, pass }
+        Stage::Evaluate { row: 0 }
     }
 
     /// Evaluates a band of rows, split over the threads there are.
     pub(super) fn evaluate(
         &mut self,
         row: usize,
-        pass: usize,
         rung: &Rung,
         recipe: &Recipe,
         join: &dyn ForkJoin,
@@ -239,9 +235,7 @@ impl Frame {
             }
         }
         if end < height {
-            Some(Stage::Evaluate { row: end, pass })
-        } else if rung.work == Work::Propagate && pass + 1 < PASSES.len() {
-            Some(Stage::Propagate { pass: pass + 1 })
+            Some(Stage::Evaluate { row: end })
         } else if rung.work == Work::Full {
             Some(Stage::Dense(dense::Part::Smooth))
         } else {
