@@ -47,11 +47,9 @@ impl Helpers {
 }
 
 impl ForkJoin for Helpers {
+    /// As many as there are workers, whoever has time at the moment: the matcher's pieces and buffers are the same for the whole frame.
     fn threads(&self) -> usize {
-        match self.is_retired.load(Ordering::Relaxed) {
-            true => 1,
-            false => 1 + self.idle.spare(),
-        }
+        1 + self.threads.current_num_threads()
     }
 
     /// A panic in a piece is the caller's, once all have ended.
