@@ -21,7 +21,7 @@ fmt:
 # Every figure of the README and of tests/eval/FIGURES.md, measured anew.
 figures: target/venv/ready
 	cargo build --release --package stereo-tests --bin eval
-	for command in accuracy sizes rooms levels kernels threads confidence anytime shared-pixels robustness; do \
+	for command in accuracy sizes rooms levels kernels threads confidence anytime shared-pixels robustness meshes; do \
 		target/release/eval $$command --data $(DATA) --write || exit 1; \
 	done
 

@@ -106,6 +106,8 @@ fn request() -> StereoRequest {
                 keep_rejected: Some(true),
                 max_disparity_step_px: Some(2.5),
                 min_valid_share: Some(0.25),
+                tolerance_px: None,
+                max_triangles: None,
             }),
             colors: Some(true),
             mesh_is_optional: None,

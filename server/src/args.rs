@@ -126,6 +126,12 @@ pub struct MatchArgs {
     /// Drop pixels with less confidence, 0 to 1.
     #[arg(long, value_name = "SHARE")]
     pub min_confidence: Option<f64>,
+    /// How far the disparity may be from a triangle of the mesh, in pixels, 0.1 to 64.
+    #[arg(long, value_name = "PX")]
+    pub mesh_tolerance: Option<f64>,
+    /// Triangles of the mesh at most, 100 to 1000000.
+    #[arg(long, value_name = "N")]
+    pub max_triangles: Option<u32>,
     /// Time from start to result, in milliseconds.
     #[arg(long, value_name = "MS", default_value_t = 60_000.0)]
     pub latency_budget_ms: f64,

@@ -128,7 +128,7 @@ pub struct FrameOptions {
     pub max_iterations: Option<u8>,
     /// Preset, disparity range, density, minimum confidence, region of interest.
     pub params: stereo::Params,
-    /// Which triangles the mesh keeps.
+    /// How fine the mesh is, and which triangles it keeps.
     pub mesh: stereo::MeshParams,
     /// Wanted parts of a protobuf result.
     pub outputs: Outputs,

@@ -12,6 +12,7 @@ mod contest;
 mod frame;
 mod kernels;
 mod levels;
+mod meshes;
 mod method;
 mod pairs;
 mod peers;
@@ -53,6 +54,8 @@ enum Command {
     Anytime(Source),
     /// What `min_confidence` gives and takes.
     Confidence(Source),
+    /// The mesh that is sent, drawn again from its vertices, against ground truth.
+    Meshes(Source),
     /// Our dense result at exactly the pixels that OpenCV returns.
     SharedPixels(Source),
 }
@@ -70,6 +73,7 @@ fn main() -> Result<()> {
         Command::Robustness(source) => robustness::run(&source),
         Command::Anytime(source) => anytime::run(&source),
         Command::Confidence(source) => confidence::run(&source),
+        Command::Meshes(source) => meshes::run(&source),
         Command::SharedPixels(source) => shared_pixels::run(&source),
     }
 }

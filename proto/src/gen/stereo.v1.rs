@@ -171,7 +171,7 @@ pub struct Options {
     /// the images' size, and its report says so. Absent = false.
     #[prost(bool, optional, tag = "13")]
     pub allow_downscale: ::core::option::Option<bool>,
-    /// Which triangles the mesh keeps.
+    /// How fine the mesh is, and which triangles it keeps.
     #[prost(message, optional, tag = "14")]
     pub mesh: ::core::option::Option<MeshOptions>,
     /// Whether mesh and points get the left image's colours. Absent = false.
@@ -182,7 +182,7 @@ pub struct Options {
     #[prost(bool, optional, tag = "16")]
     pub mesh_is_optional: ::core::option::Option<bool>,
 }
-/// Which triangles a mesh keeps.
+/// How fine a mesh is, and which triangles it keeps.
 #[derive(Clone, Copy, PartialEq, ::prost::Message)]
 pub struct MeshOptions {
     /// Keeps triangles that span a depth discontinuity or failed validation as well. Absent = false.
@@ -196,6 +196,14 @@ pub struct MeshOptions {
     /// Absent = 0.5.
     #[prost(float, optional, tag = "3")]
     pub min_valid_share: ::core::option::Option<f32>,
+    /// How far a dense result may be from a plane that still fits it, in pixels of disparity, 0.1 to 64: the mesh has vertices
+    /// where that is exceeded. After a rung of mesh iterations it has the vertices that were matched, whatever the tolerance.
+    /// Absent = 1.
+    #[prost(float, optional, tag = "4")]
+    pub tolerance_px: ::core::option::Option<f32>,
+    /// Triangles at most, 100 to 1000000. If the tolerance needs more, vertices go where they gain the most. Absent = 20000.
+    #[prost(uint32, optional, tag = "5")]
+    pub max_triangles: ::core::option::Option<u32>,
 }
 /// Named choices of algorithm parameters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, ::prost::Enumeration)]

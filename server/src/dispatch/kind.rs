@@ -46,6 +46,8 @@ pub(crate) enum Kind {
         roi: u32,
         /// Size class of the matched images.
         size: u32,
+        /// Logarithm to base 4 of the triangles it may have.
+        budget: u32,
     },
     /// All bodies.
     Encode {
@@ -130,6 +132,7 @@ pub(crate) fn work(request: &FrameRequest, is_half: bool) -> Work<Kind> {
             preset: params.preset,
             roi,
             size,
+            budget: size_class(options.mesh.max_triangles),
         }),
         encode: encode_kind(&request.formats, options, image_size, is_half),
         rungs: options.max_iterations.unwrap_or(ladder).min(ladder),

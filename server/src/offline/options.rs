@@ -16,7 +16,15 @@ struct Options<'a> {
     density: Option<&'a str>,
     max_iterations: Option<u32>,
     min_confidence: Option<f64>,
+    mesh: Mesh,
     calibration: Option<CalibrationFile>,
+}
+
+/// The mesh's options that have a flag.
+#[derive(Serialize)]
+struct Mesh {
+    tolerance_px: Option<f64>,
+    max_triangles: Option<u32>,
 }
 
 /// A calibration as files write it; data sets' descriptions say `cx` and `cy`, and much else that is not ours.
@@ -42,6 +50,10 @@ pub(super) fn json(args: &MatchArgs) -> Result<Bytes, OfflineError> {
         density: args.density.as_deref(),
         max_iterations: args.max_iterations,
         min_confidence: args.min_confidence,
+        mesh: Mesh {
+            tolerance_px: args.mesh_tolerance,
+            max_triangles: args.max_triangles,
+        },
         calibration: calibration(args)?,
     };
     // Strings and numbers always serialise; should they not, the form's reader says what is wrong with an empty part.

@@ -60,7 +60,14 @@ async fn a_pair_of_files_becomes_five_files() {
         &left,
         &right,
         &out,
-        &["--num-disparities", "32", "--calibration", &meta],
+        &[
+            "--num-disparities",
+            "32",
+            "--calibration",
+            &meta,
+            "--max-triangles",
+            "100",
+        ],
     ))
     .await
     .unwrap();
@@ -93,6 +100,14 @@ async fn each_kind_of_fault_has_its_own_exit_code_and_writes_nothing() {
         ),
         (&left, &right, &["--preset", "magic"], 64, "preset"),
         (&left, &right, &["--simd", "avx99"], 64, "avx99"),
+        (
+            &left,
+            &right,
+            &["--max-triangles", "99"],
+            64,
+            "mesh.max_triangles",
+        ),
+        (&left, &right, &["--mesh-tolerance", "0"], 64, "mesh.tolerance_px"),
         (
             &left,
             &right,

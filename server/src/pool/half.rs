@@ -1,6 +1,8 @@
 //! Matching at half resolution: each pixel of the small images is the mean of 2 x 2, each disparity found counts twice, for 2 x 2 pixels.
 
-use stereo::{DisparityMap, DisparityRange, FIXED_PER_PX, GrayView, Mesh, Params, Roi, Shape, StereoPair};
+use stereo::{
+    DisparityMap, DisparityRange, FIXED_PER_PX, GrayView, Mesh, MeshParams, Params, Roi, Shape, StereoPair,
+};
 
 use super::rig::unmatchable;
 use crate::status::ServiceError;
@@ -94,6 +96,15 @@ pub(super) fn params(full: &Params, half: Shape) -> Params {
     }
 }
 
+/// What is asked of the mesh in the disparities of images of half the size.
+pub(super) fn mesh_params(full: &MeshParams) -> MeshParams {
+    MeshParams {
+        tolerance_px: full.tolerance_px / 2.0,
+        max_disparity_step_px: full.max_disparity_step_px / 2.0,
+        ..*full
+    }
+}
+
 /// The mesh in the pixels of the images' own size: a small pixel's centre lies between the four it is the mean of.
 pub(super) fn enlarge_mesh(mesh: &mut Mesh) {
     for vertex in &mut mesh.vertices {
@@ -171,6 +182,19 @@ mod tests {
             })
         );
         small.validate(half).unwrap();
+    }
+
+    #[test]
+    fn the_small_images_mesh_is_as_fine_as_the_large_ones_would_be() {
+        let full = MeshParams {
+            tolerance_px: 1.5,
+            max_disparity_step_px: 6.0,
+            max_triangles: 700,
+            ..MeshParams::default()
+        };
+        let half = mesh_params(&full);
+        assert_eq!((half.tolerance_px, half.max_disparity_step_px), (0.75, 3.0));
+        assert_eq!(half.max_triangles, 700);
     }
 
     #[test]

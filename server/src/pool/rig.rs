@@ -90,9 +90,12 @@ impl Rig {
             half.enlarge_map(params, map);
         }
         let matcher = self.matcher.as_mut().filter(|_| has_mesh)?;
-        matcher.mesh(&request.options.mesh, &mut self.mesh);
+        let mesh = &request.options.mesh;
         if self.is_half {
+            matcher.mesh(&half::mesh_params(mesh), &mut self.mesh);
             half::enlarge_mesh(&mut self.mesh);
+        } else {
+            matcher.mesh(mesh, &mut self.mesh);
         }
         Some(Instant::now())
     }

@@ -15,7 +15,7 @@ use stereo_proto::v1;
 use self::choice::{COMPRESSION, DENSITY, DISPARITY_ENCODING, OUTPUTS, PRESET, PRIORITY_CLASS, choice};
 use self::object::Object;
 use super::budget;
-use super::range::{MAX_ITERATIONS, MIN_DISPARITY, NUM_DISPARITIES, Range};
+use super::range::{MAX_ITERATIONS, MAX_TRIANGLES, MIN_DISPARITY, NUM_DISPARITIES, Range};
 use crate::decode::{self, Side};
 use crate::job::ImageEncoding;
 use crate::status::ServiceError;
@@ -102,6 +102,8 @@ struct FormMesh {
     keep_rejected: Option<bool>,
     max_disparity_step_px: Option<f64>,
     min_valid_share: Option<f64>,
+    tolerance_px: Option<f64>,
+    max_triangles: Option<f64>,
 }
 
 #[derive(Deserialize)]
@@ -178,11 +180,7 @@ impl FormOptions {
             )?,
             compression: choice(&COMPRESSION, self.compression, v1::Compression::from_str_name)?,
             allow_downscale: self.allow_downscale,
-            mesh: self.mesh.map(|Object(mesh)| v1::MeshOptions {
-                keep_rejected: mesh.keep_rejected,
-                max_disparity_step_px: mesh.max_disparity_step_px.map(narrow),
-                min_valid_share: mesh.min_valid_share.map(narrow),
-            }),
+            mesh: self.mesh.map(|Object(mesh)| mesh.into_proto()).transpose()?,
             colors: self.colors,
             mesh_is_optional: self.mesh_is_optional,
         };
@@ -223,6 +221,21 @@ impl FormRegion {
             y: px("y", self.y)?,
             width: px("width", self.width)?,
             height: px("height", self.height)?,
+        })
+    }
+}
+
+impl FormMesh {
+    fn into_proto(self) -> Result<v1::MeshOptions, ServiceError> {
+        Ok(v1::MeshOptions {
+            keep_rejected: self.keep_rejected,
+            max_disparity_step_px: self.max_disparity_step_px.map(narrow),
+            min_valid_share: self.min_valid_share.map(narrow),
+            tolerance_px: self.tolerance_px.map(narrow),
+            max_triangles: self
+                .max_triangles
+                .map(|got| MAX_TRIANGLES.check_u32(got))
+                .transpose()?,
         })
     }
 }

@@ -7,7 +7,8 @@ use stereo_proto::v1;
 
 use super::budget;
 use super::range::{
-    MAX_DISPARITY_STEP_PX, MAX_ITERATIONS, MIN_CONFIDENCE, MIN_DISPARITY, MIN_VALID_SHARE, NUM_DISPARITIES,
+    MAX_DISPARITY_STEP_PX, MAX_ITERATIONS, MAX_TRIANGLES, MESH_TOLERANCE_PX, MIN_CONFIDENCE, MIN_DISPARITY,
+    MIN_VALID_SHARE, NUM_DISPARITIES,
 };
 use crate::job::{
     Calibration, Compression, DisparityEncoding, FrameOptions, Outputs, PriorityClass, ReplyFormat,
@@ -198,7 +199,17 @@ fn mesh(options: v1::MeshOptions, defaults: MeshParams) -> Result<MeshParams, Se
         .min_valid_share
         .map(|got| MIN_VALID_SHARE.check_f32(got))
         .transpose()?;
+    let tolerance = options
+        .tolerance_px
+        .map(|got| MESH_TOLERANCE_PX.check_f32(got))
+        .transpose()?;
+    let triangles = options
+        .max_triangles
+        .map(|got| MAX_TRIANGLES.check_u32(got.into()))
+        .transpose()?;
     Ok(MeshParams {
+        tolerance_px: tolerance.unwrap_or(defaults.tolerance_px),
+        max_triangles: triangles.unwrap_or(defaults.max_triangles),
         keep_rejected: options.keep_rejected.unwrap_or(defaults.keep_rejected),
         max_disparity_step_px: step.unwrap_or(defaults.max_disparity_step_px),
         min_valid_share: share.unwrap_or(defaults.min_valid_share),

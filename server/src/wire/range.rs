@@ -59,6 +59,21 @@ pub(super) const MIN_VALID_SHARE: Range = Range {
     step: 0.0,
 };
 
+pub(super) const MESH_TOLERANCE_PX: Range = Range {
+    name: "mesh.tolerance_px",
+    expected: "a number from 0.1 to 64",
+    min: 0.1,
+    max: 64.0,
+    step: 0.0,
+};
+pub(super) const MAX_TRIANGLES: Range = Range {
+    name: "mesh.max_triangles",
+    expected: "a whole number from 100 to 1000000",
+    min: 100.0,
+    max: 1e6,
+    step: 1.0,
+};
+
 impl Range {
     /// `got` if it is accepted; NaN never is.
     pub(super) fn check(&self, got: f64) -> Result<f64, ServiceError> {
@@ -79,6 +94,17 @@ impl Range {
             reason = "the ranges lie within 0..=767"
         )]
         Ok(value as u16)
+    }
+
+    /// `got` as a whole number if it is accepted.
+    pub(super) fn check_u32(&self, got: f64) -> Result<u32, ServiceError> {
+        let value = self.check(got)?;
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "the ranges lie within 0..=1000000"
+        )]
+        Ok(value as u32)
     }
 
     /// `got` as a float if it is accepted.

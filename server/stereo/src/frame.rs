@@ -1,6 +1,7 @@
 //! The working state of one frame, and the stages that lead from one rung to the next.
 
 use crate::census::{Census, Pattern};
+use crate::certainty;
 use crate::changes::Changes;
 use crate::coarse::Coarse;
 use crate::confidence::CostScale;
@@ -11,16 +12,17 @@ use crate::gradient::Gradient;
 use crate::image::{GrayView, Roi, Shape, StereoPair};
 use crate::ladder::{Recipe, Rung, Work};
 use crate::mesh::{Mesh, MeshParams};
+use crate::output_mesh::{Evidence, Facet, Writer};
 use crate::paper::Occupancy;
 use crate::params::Params;
 use crate::plane::{MARGIN_X, MARGIN_Y, Plane};
 use crate::propagate;
 use crate::publish::{self, Published};
 use crate::simd::Level;
+use crate::smooth;
 use crate::support::{Buckets, Candidate, Support};
-use crate::surface::Surface;
+use crate::surface::{self, Surface};
 use crate::triangulation::Triangulation;
-use crate::{certainty, output_mesh, smooth};
 
 mod dense;
 mod meshing;
@@ -98,6 +100,7 @@ pub(crate) struct Frame {
     quarter: Coarse,
     smoothing: Vec<smooth::Scratch>,
     surface: Surface,
+    mesh_writer: Writer,
     /// Where the candidates to evaluate changed.
     changes: Changes,
     lending: propagate::Scratch,
@@ -319,43 +322,39 @@ impl Frame {
         publish::publish(self.level, &maps, shape, params, out)
     }
 
-    /// Writes the mesh to `out`, in the image's pixels and disparities. After a dense rung it is made anew from the map.
-    pub(crate) fn write_mesh(&mut self, rung: &Rung, params: &MeshParams, recipe: &Recipe, out: &mut Mesh) {
+    /// Writes the mesh to `out`, in the image's pixels and disparities: the one that was matched, or one that is made anew from
+    /// the map after a dense rung, or if there are more triangles than wanted.
+    pub(crate) fn write_mesh(&mut self, rung: &Rung, params: &MeshParams, out: &mut Mesh) {
         let is_dense = matches!(rung.work, Work::HalfBand | Work::Full);
-        let (width, max_fixed) = (self.width(), self.window.max_fixed());
-        // In a dense map what was filled in confirms nothing; written as costs, the less confidence the dearer.
-        let doubts: Vec<u8> = if is_dense {
-            self.surface
-                .fit(self.level, &self.disparity, width, &self.supports, max_fixed);
-            self.confidence
-                .iter()
-                .map(|confidence| u8::MAX - confidence)
-                .collect()
-        } else {
-            Vec::new()
+        let limits = surface::Limits {
+            tolerance_px: params.tolerance_px,
+            triangles: usize::try_from(params.max_triangles).unwrap_or(usize::MAX),
         };
-        let pixels = output_mesh::Validated {
+        let evidence = Evidence {
             window: self.window,
             mask: &self.gradient.mask,
-            interpolated: if is_dense {
-                &self.surface.interpolated
-            } else {
-                &self.interpolated
-            },
             disparity: &self.disparity,
-            cost: if is_dense { &doubts } else { &self.cost },
-            valid_up_to: if is_dense {
-                u8::MAX - certainty::CONFIRMED_FROM
-            } else {
-                recipe.valid_up_to
-            },
+            confidence: &self.confidence,
+            // In a dense map what was filled in confirms nothing.
+            confirmed_from: if is_dense { certainty::CONFIRMED_FROM } else { 1 },
         };
-        let triangulation = if is_dense {
-            &self.surface.triangulation
+        if !is_dense && self.triangulation.triangles() <= limits.triangles {
+            let facets = self.triangulation.triangles_from(0).map(Facet::from);
+            let mesh = (self.triangulation.vertices(), facets);
+            return self.mesh_writer.write(self.level, mesh, evidence, params, out);
+        }
+        let map = if is_dense {
+            &self.disparity
         } else {
-            &self.triangulation
+            &self.interpolated
         };
-        output_mesh::write(triangulation, &pixels, params, out);
+        self.surface.fit(self.level, map, self.window.roi.width, limits);
+        // Without a support, nothing in the map has been matched.
+        let mesh = (
+            self.surface.nodes(),
+            self.surface.facets(self.supports.is_empty()),
+        );
+        self.mesh_writer.write(self.level, mesh, evidence, params, out);
     }
 }
 

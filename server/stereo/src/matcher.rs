@@ -181,7 +181,7 @@ impl Matcher {
         mesh.triangles.clear();
         if self.rungs_done > 0 {
             let rung = &self.recipe.rungs[self.rungs_done - 1];
-            self.frame.write_mesh(rung, params, self.recipe, mesh);
+            self.frame.write_mesh(rung, params, mesh);
         }
     }
 

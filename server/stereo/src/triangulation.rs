@@ -84,6 +84,11 @@ impl Triangulation {
         self.mesh.num_vertices()
     }
 
+    /// Number of triangles.
+    pub(crate) fn triangles(&self) -> usize {
+        self.mesh.num_inner_faces()
+    }
+
     /// The triangles with at least one vertex of index `first_new` or more. After insertions those are the ones that
     /// changed: every triangle that Delaunay insertion makes has the inserted point as a vertex.
     pub(crate) fn triangles_from(&self, first_new: usize) -> impl Iterator<Item = Triangle> + '_ {

@@ -384,7 +384,7 @@ fn the_mesh_lies_on_the_wall_and_faces_the_camera() {
     climb(&mut matcher, &pair, &Serial);
     let mut mesh = Mesh::default();
     matcher.mesh(&MeshParams::default(), &mut mesh);
-    assert!(mesh.triangles.len() > 50, "{}", mesh.triangles.len());
+    assert!(!mesh.triangles.is_empty());
     let mut used = vec![false; mesh.vertices.len()];
     let mut area = 0.0;
     for triangle in &mesh.triangles {
@@ -405,6 +405,54 @@ fn the_mesh_lies_on_the_wall_and_faces_the_camera() {
     }
     assert!(used.iter().all(|&used| used), "every vertex is used");
     assert!(area > 0.6 * 200.0 * 120.0, "{area}");
+}
+
+#[test]
+fn no_rungs_mesh_has_more_triangles_than_its_budget_and_a_larger_one_is_used() {
+    let pair = Pair::with_disparity(320, 200, |y| 8 + i64::try_from(y / 10 % 4 * 5).unwrap());
+    for params in [Params::default(), Params::fast(), Params::paper()] {
+        let mut matcher = matcher(pair.shape(), params);
+        let mut out = DisparityMap::new(pair.shape());
+        let mut progress = matcher.base(pair.views(), &mut out, &Serial).unwrap();
+        loop {
+            if progress != Progress::Working {
+                let mut mesh = Mesh::default();
+                let counts = [100, 150, 400, 100_000].map(|max_triangles| {
+                    let limits = MeshParams {
+                        max_triangles,
+                        keep_rejected: true,
+                        ..MeshParams::default()
+                    };
+                    limits.validate().unwrap();
+                    matcher.mesh(&limits, &mut mesh);
+                    assert!(mesh.triangles.len() <= max_triangles as usize);
+                    mesh.triangles.len()
+                });
+                // Ties at the end of a budget are left out together.
+                assert!(counts[0] > 50 && counts[2] > 200 && counts[3] > 300, "{counts:?}");
+            }
+            if matches!(progress, Progress::Converged(_)) {
+                break;
+            }
+            progress = matcher.refine(pair.views(), &mut out, &Serial);
+        }
+    }
+}
+
+#[test]
+fn nonsense_about_meshes_is_refused() {
+    let is_refused = |change: fn(&mut MeshParams)| {
+        let mut params = MeshParams::default();
+        change(&mut params);
+        params.validate().is_err()
+    };
+    assert_eq!(MeshParams::default().validate(), Ok(()));
+    assert!(is_refused(|params| params.tolerance_px = 0.09));
+    assert!(is_refused(|params| params.tolerance_px = f32::NAN));
+    assert!(is_refused(|params| params.max_triangles = 99));
+    assert!(is_refused(|params| params.max_triangles = 1_000_001));
+    assert!(is_refused(|params| params.max_disparity_step_px = 65.0));
+    assert!(is_refused(|params| params.min_valid_share = -0.1));
 }
 
 #[test]
@@ -534,5 +582,7 @@ proptest! {
         matcher.mesh(&MeshParams { keep_rejected: true, ..MeshParams::default() }, &mut mesh);
         let vertices = u32::try_from(mesh.vertices.len()).unwrap();
         prop_assert!(mesh.triangles.iter().flatten().all(|&index| index < vertices));
+        matcher.mesh(&MeshParams { keep_rejected: true, max_triangles: 100, ..MeshParams::default() }, &mut mesh);
+        prop_assert!(mesh.triangles.len() <= 100);
     }
 }

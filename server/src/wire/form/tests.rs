@@ -22,7 +22,8 @@ fn every_option_has_a_name_in_json() {
         "min_disparity": 16, "density": "dense", "roi": {"x": 1, "y": 2, "width": 30, "height": 40},
         "priority_class": "background", "outputs": ["disparity", "confidence", "depth", "mesh", "points"],
         "disparity_encoding": "png16", "compression": "lz4", "allow_downscale": true,
-        "mesh": {"keep_rejected": true, "max_disparity_step_px": 2.5, "min_valid_share": 0.25}, "colors": true,
+        "mesh": {"keep_rejected": true, "max_disparity_step_px": 2.5, "min_valid_share": 0.25, "tolerance_px": 1.5,
+            "max_triangles": 70000}, "colors": true,
         "calibration": {"focal_px": 500.5, "cx_px": 320, "cy_px": 240, "baseline_m": 0.1, "doffs_px": -2},
         "request_id": "r", "camera_id": "c", "sequence": 18446744073709551615,
         "capture_time": "2023-11-14T22:13:20.5Z"
@@ -70,6 +71,8 @@ fn every_option_has_a_name_in_json() {
                 keep_rejected: Some(true),
                 max_disparity_step_px: Some(2.5),
                 min_valid_share: Some(0.25),
+                tolerance_px: Some(1.5),
+                max_triangles: Some(70_000),
             }),
             colors: Some(true),
             mesh_is_optional: None,
@@ -177,6 +180,14 @@ fn numbers_out_of_range_are_refused_naming_the_range() {
     );
     refused_naming(r#"{"max_iterations": -1}"#, &["max_iterations", "1 to 255", "-1"]);
     refused_naming(r#"{"num_disparities": 1e300}"#, &["num_disparities", "16 to 256"]);
+    refused_naming(
+        r#"{"mesh": {"max_triangles": 99.5}}"#,
+        &["mesh.max_triangles", "100 to 1000000", "99.5"],
+    );
+    refused_naming(
+        r#"{"mesh": {"max_triangles": -1}}"#,
+        &["mesh.max_triangles", "100 to 1000000"],
+    );
     refused_naming(r#"{"min_disparity": -16}"#, &["min_disparity", "0 to 767"]);
     refused_naming(r#"{"latency_budget_ms": 0}"#, &["latency_budget_ms", "above 0"]);
     refused_naming(r#"{"latency_budget_ms": 1e300}"#, &["latency_budget_ms", "60000"]);

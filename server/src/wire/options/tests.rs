@@ -63,6 +63,8 @@ fn every_option_reaches_the_domain() {
         mesh: Some(v1::MeshOptions {
             keep_rejected: Some(true),
             max_disparity_step_px: Some(0.5),
+            tolerance_px: Some(0.25),
+            max_triangles: Some(100),
             min_valid_share: Some(1.0),
         }),
         colors: Some(true),
@@ -92,6 +94,8 @@ fn every_option_reaches_the_domain() {
         mesh: MeshParams {
             keep_rejected: true,
             max_disparity_step_px: 0.5,
+            tolerance_px: 0.25,
+            max_triangles: 100,
             min_valid_share: 1.0,
         },
         outputs: Outputs {
@@ -183,6 +187,32 @@ fn numbers_out_of_range_are_refused_naming_field_and_range() {
                 ..default()
             },
             &["mesh.min_valid_share", "0 to 1"],
+        );
+    }
+    for got in [0.0, 0.09, 64.5, f32::NAN] {
+        let mesh = v1::MeshOptions {
+            tolerance_px: Some(got),
+            ..v1::MeshOptions::default()
+        };
+        refused_naming(
+            &Options {
+                mesh: Some(mesh),
+                ..default()
+            },
+            &["mesh.tolerance_px", "0.1 to 64"],
+        );
+    }
+    for got in [0, 99, 1_000_001, u32::MAX] {
+        let mesh = v1::MeshOptions {
+            max_triangles: Some(got),
+            ..v1::MeshOptions::default()
+        };
+        refused_naming(
+            &Options {
+                mesh: Some(mesh),
+                ..default()
+            },
+            &["mesh.max_triangles", "100 to 1000000"],
         );
     }
     for got in [0.4, 64.5, f32::NAN] {

@@ -1,4 +1,4 @@
-use super::{Validated, write};
+use super::{Evidence, Facet, Writer};
 use crate::FIXED_PER_PX;
 use crate::frame::Window;
 use crate::image::Roi;
@@ -11,7 +11,7 @@ use crate::triangulation::Triangulation;
 
 const WIDTH: usize = 64;
 const HEIGHT: usize = 48;
-const VALID_UP_TO: u8 = 125;
+const CONFIRMED_FROM: u8 = 61;
 
 /// A mesh whose every pixel is textured and confirmed.
 struct Scene {
@@ -19,7 +19,7 @@ struct Scene {
     mask: Vec<u8>,
     interpolated: Vec<u16>,
     disparity: Vec<u16>,
-    cost: Vec<u8>,
+    confidence: Vec<u8>,
 }
 
 impl Scene {
@@ -41,7 +41,7 @@ impl Scene {
             mask: vec![1; WIDTH * HEIGHT],
             disparity: interpolated.clone(),
             interpolated,
-            cost: vec![VALID_UP_TO; WIDTH * HEIGHT],
+            confidence: vec![CONFIRMED_FROM; WIDTH * HEIGHT],
         }
     }
 
@@ -59,7 +59,7 @@ impl Scene {
     }
 
     fn write(&self, params: &MeshParams) -> Mesh {
-        let pixels = Validated {
+        let evidence = Evidence {
             window: Window {
                 roi: Roi {
                     x: 100,
@@ -71,13 +71,19 @@ impl Scene {
                 disparities: 256,
             },
             mask: &self.mask,
-            interpolated: &self.interpolated,
             disparity: &self.disparity,
-            cost: &self.cost,
-            valid_up_to: VALID_UP_TO,
+            confidence: &self.confidence,
+            confirmed_from: CONFIRMED_FROM,
         };
-        let mut mesh = Mesh::default();
-        write(&self.triangulation, &pixels, params, &mut mesh);
+        let mut meshes = Level::available().into_iter().map(|level| {
+            let facets = self.triangulation.triangles_from(0).map(Facet::from);
+            let vertices = self.triangulation.vertices();
+            let mut mesh = Mesh::default();
+            Writer::default().write(level, (vertices, facets), evidence, params, &mut mesh);
+            mesh
+        });
+        let mesh = meshes.next().unwrap();
+        assert!(meshes.all(|other| other == mesh), "all levels agree");
         mesh
     }
 
@@ -94,6 +100,8 @@ const KEEP: MeshParams = MeshParams {
     keep_rejected: true,
     max_disparity_step_px: 4.0,
     min_valid_share: 0.5,
+    tolerance_px: 1.0,
+    max_triangles: 1000,
 };
 const STRICT: MeshParams = MeshParams {
     keep_rejected: false,
@@ -162,11 +170,11 @@ fn a_textured_triangle_needs_its_share_of_confirmed_pixels() {
         ..STRICT
     };
     let mut scene = Scene::of_columns(|_| 6.0);
-    scene.cost.fill(VALID_UP_TO + 1);
+    scene.confidence.fill(CONFIRMED_FROM - 1);
     assert_eq!(scene.kept(&STRICT).0, 0);
     assert_eq!(scene.kept(&share(0.0)).0, scene.kept(&KEEP).1);
     // Validated, but at another disparity than the mesh's.
-    scene.cost.fill(0);
+    scene.confidence.fill(254);
     scene
         .disparity
         .iter_mut()
@@ -174,13 +182,22 @@ fn a_textured_triangle_needs_its_share_of_confirmed_pixels() {
     assert_eq!(scene.kept(&STRICT).0, scene.kept(&KEEP).1);
     scene.disparity.iter_mut().for_each(|fixed| *fixed += 1);
     assert_eq!(scene.kept(&STRICT).0, 0);
+    let coarse = MeshParams {
+        tolerance_px: 1.5,
+        ..STRICT
+    };
+    assert_eq!(
+        scene.kept(&coarse).0,
+        scene.kept(&KEEP).1,
+        "a mesh that may be coarse is not refused for it"
+    );
     // About seven pixels in ten.
     let mut noise = Noise::new(9);
     scene.disparity.copy_from_slice(&scene.interpolated);
     scene
-        .cost
+        .confidence
         .iter_mut()
-        .for_each(|cost| *cost = if noise.below(10) < 7 { 0 } else { 255 });
+        .for_each(|confidence| *confidence = if noise.below(10) < 7 { 254 } else { 0 });
     let kept = [0.4, 0.7, 0.95].map(|min| scene.kept(&share(min)).0);
     assert!(
         kept[0] == scene.kept(&KEEP).1 && kept[0] > kept[1] && kept[1] > kept[2],
@@ -196,7 +213,7 @@ fn a_triangle_without_texture_is_judged_by_its_step_and_never_reaches_a_corner()
     };
     let mut scene = Scene::of_columns(|x| if x < 30 { 2.0 } else { 8.0 });
     scene.mask.fill(0);
-    scene.cost.fill(255);
+    scene.confidence.fill(0);
     let counts = [5.9, 6.0].map(|max| {
         let mesh = scene.write(&step(max));
         assert!(
