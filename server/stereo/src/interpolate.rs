@@ -34,9 +34,10 @@ impl Plane {
         })
     }
 
-    /// Steepness in px of disparity per px.
-    pub(crate) fn gradient(&self) -> f32 {
-        self.a.hypot(self.b)
+    /// Whether the disparity changes by more than `limit` px a px.
+    #[inline(always)]
+    pub(crate) fn is_steeper_than(&self, limit: f32) -> bool {
+        self.a * self.a + self.b * self.b > limit * limit
     }
 }
 

@@ -166,7 +166,7 @@ impl Judge<'_> {
         let Some(plane) = Plane::through(&facet.vertices) else {
             return false;
         };
-        if plane.a * plane.a + plane.b * plane.b > MAX_GRADIENT * MAX_GRADIENT {
+        if plane.is_steeper_than(MAX_GRADIENT) {
             return false;
         }
         let (textured, confirmed) = self.count(&plane, &facet.vertices);
@@ -241,7 +241,7 @@ impl Counts {
             let distance = (i32::from(disparity[k]) << 16).wrapping_sub(plane).wrapping_abs();
             let is_close = u8::from(distance <= within);
             self.textured[k] += u16::from(known[k] & counts);
-            self.confirmed[k] += u16::from(known[k] / CONFIRMED & is_close & counts);
+            self.confirmed[k] += u16::from((known[k] / CONFIRMED) & is_close & counts);
         }
     }
 

@@ -147,5 +147,6 @@ fn steepness_is_the_length_of_the_gradient() {
             c: 1.0
         })
     );
-    assert_eq!(plane.map(|plane| plane.gradient()), Some(5.0));
+    let is_steeper = |limit| plane.map(|plane| plane.is_steeper_than(limit));
+    assert_eq!([4.99, 5.0].map(is_steeper), [Some(true), Some(false)]);
 }
