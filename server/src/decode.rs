@@ -3,6 +3,7 @@
 //! Pixels are taken as they lie in the file or buffer: rectified images have no orientation but their own, so EXIF's
 //! is ignored, and so are colour profiles, alpha and animation frames after the first.
 
+mod deep;
 mod jpeg;
 mod pixels;
 mod png;
@@ -11,6 +12,7 @@ use std::fmt;
 
 use stereo::{GrayView, Shape};
 
+use self::deep::Deep;
 use self::pixels::Layout;
 use crate::job::{ImageData, ImageEncoding, PixelFormat};
 use crate::status::ServiceError;
@@ -93,8 +95,8 @@ pub fn inspect(side: Side, file: &[u8]) -> Result<(ImageEncoding, u32, u32), Ser
 }
 
 /// `image` as 8-bit gray. Raw mono8 is viewed in place; everything else is written to `scratch`: colours as BT.601
-/// luma, 16-bit values by their upper byte (`value >> 8`, so they should use the whole range), YUYV and JPEG by their
-/// own luma.
+/// luma, 16-bit values by the eight highest bits that the image uses (a 12-bit camera's count for as much as a full
+/// range), YUYV and JPEG by their own luma.
 ///
 /// # Errors
 /// [`ServiceError::Invalid`] naming the image if its data are too short, damaged, or not what was said about them,
@@ -118,9 +120,15 @@ pub fn gray<'a>(
                 jpeg::read_gray(&image.data, (image.width_px, image.height_px), gray, colour)
                     .map_err(|why| damaged(side, image.encoding, &why))?;
             } else {
+                let mut deep = Deep::in_memory(colour);
                 for_each_row(side, image, |y, layout, row| {
-                    layout.write_gray(row, &mut gray[y * width_px..][..width_px]);
+                    if layout == Deep::LAYOUT {
+                        deep.push(&row[..2 * width_px]);
+                    } else {
+                        layout.write_gray(row, &mut gray[y * width_px..][..width_px]);
+                    }
                 })?;
+                Deep::LAYOUT.write_gray(deep.into_full_range(), gray);
             }
             (gray.as_slice(), width_px)
         }
@@ -159,9 +167,16 @@ pub fn color(side: Side, image: &ImageData) -> Result<ColorImage, ServiceError> 
             .map_err(|why| damaged(side, image.encoding, &why))?;
     } else {
         let row_bytes = width_px * 3;
+        let mut memory = Vec::new();
+        let mut deep = Deep::in_memory(&mut memory);
         for_each_row(side, image, |y, layout, row| {
-            layout.write_rgb(row, &mut rgb[y * row_bytes..][..row_bytes]);
+            if layout == Deep::LAYOUT {
+                deep.push(&row[..2 * width_px]);
+            } else {
+                layout.write_rgb(row, &mut rgb[y * row_bytes..][..row_bytes]);
+            }
         })?;
+        Deep::LAYOUT.write_rgb(deep.into_full_range(), &mut rgb);
     }
     Ok(ColorImage {
         width_px,

@@ -69,7 +69,7 @@ pub enum ImageEncoding {
     Unspecified = 0,
     /// 8-bit gray, 1 byte a pixel.
     Mono8 = 1,
-    /// 16-bit gray, little endian, 2 bytes a pixel.
+    /// 16-bit gray, little endian, 2 bytes a pixel; with fewer bits (10, 12, 14) at the lower end, as cameras send them.
     Mono16 = 2,
     /// Red, green, blue, 3 bytes a pixel.
     Rgb8 = 3,

@@ -71,15 +71,37 @@ fn the_other_raw_formats_honour_their_stride() {
         let step = 34 * bytes + 5;
         let mut data = vec![0xee; step * 31 + 34 * bytes];
         for y in 0..32 {
-            data[y * step..][..34 * bytes].fill(u8::try_from(y * 3).unwrap());
+            data[y * step..][..34 * bytes].fill(u8::try_from(y * 8).unwrap());
         }
         let image = raw(format, 34, 32, u32::try_from(step).unwrap(), &data);
-        let expected: Vec<u8> = (0..32).flat_map(|y| [y * 3; 34]).collect();
+        let expected: Vec<u8> = (0..32).flat_map(|y| [y * 8; 34]).collect();
         assert_eq!(gray_pixels(&image).unwrap(), expected, "{format:?}");
         let colours = color(Side::Left, &image).unwrap();
         assert_eq!((colours.width_px, colours.height_px), (34, 32));
-        assert_eq!(colours.nearest(33.4, 31.0), [93; 3], "{format:?}");
+        assert_eq!(colours.nearest(33.4, 31.0), [248; 3], "{format:?}");
         assert_eq!(colours.nearest(-1.0, f32::NAN), [0; 3], "outside is the border");
+    }
+}
+
+#[test]
+fn sixteen_bit_words_count_from_the_highest_bit_in_use() {
+    let values: Vec<u16> = (0..32 * 32).map(|i| i * 61 % 256).collect();
+    let expected: Vec<u8> = values.iter().map(|v| u8::try_from(*v).unwrap()).collect();
+    for bits in [8, 10, 12, 14, 16] {
+        let noise = (1 << (bits - 8)) / 2;
+        let words = values.iter().map(|value| (value << (bits - 8)) + noise);
+        let data: Vec<u8> = words.flat_map(u16::to_le_bytes).collect();
+        let image = raw(PixelFormat::Mono16, 32, 32, 64, &data);
+        assert_eq!(gray_pixels(&image).unwrap(), expected, "{bits} bits");
+        let colours = color(Side::Left, &image).unwrap().rgb;
+        assert!(
+            colours
+                .as_chunks::<3>()
+                .0
+                .iter()
+                .zip(&expected)
+                .all(|(rgb, gray)| rgb == &[*gray; 3])
+        );
     }
 }
 

@@ -97,11 +97,20 @@ fn colour_png_files_become_luma_with_or_without_alpha() {
 }
 
 #[test]
-fn sixteen_bit_png_files_keep_their_upper_byte() {
-    let data: Vec<u8> = (0..40 * 36_u16).flat_map(|i| (i * 45).to_be_bytes()).collect();
-    let png = png_40_by_36(png::ColorType::Grayscale, png::BitDepth::Sixteen, &data);
-    let expected: Vec<u8> = data.as_chunks::<2>().0.iter().map(|pair| pair[0]).collect();
-    assert_eq!(gray_pixels(&file(&png).unwrap()).unwrap(), expected);
+fn sixteen_bit_png_files_count_from_the_highest_bit_in_use() {
+    for bits in [12, 16] {
+        let words = (0..40 * 36_u16).map(|i| (i * 45) >> (16 - bits));
+        let data: Vec<u8> = words.clone().flat_map(u16::to_be_bytes).collect();
+        let png = png_40_by_36(png::ColorType::Grayscale, png::BitDepth::Sixteen, &data);
+        let expected: Vec<u8> = words
+            .map(|word| u8::try_from(word >> (bits - 8)).unwrap())
+            .collect();
+        assert_eq!(
+            gray_pixels(&file(&png).unwrap()).unwrap(),
+            expected,
+            "{bits} bits"
+        );
+    }
 }
 
 #[test]
