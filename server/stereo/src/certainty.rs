@@ -24,11 +24,18 @@ pub(crate) struct Scratch {
     most: Vec<u16>,
 }
 
-/// Turns `valid` (1 where confirmed) of a map of rows of `width` into certainties.
-pub(crate) fn rate(level: Level, width: usize, disparity: &[u16], valid: &mut [u8], scratch: &mut Scratch) {
+/// Turns `valid` (1 where confirmed) of the rows from `first_row` on, of a map of rows of `width`, into certainties.
+pub(crate) fn rate(
+    level: Level,
+    (width, disparity): (usize, &[u16]),
+    first_row: usize,
+    valid: &mut [u8],
+    scratch: &mut Scratch,
+) {
     level.run(Rate {
         width,
         disparity,
+        first_row,
         valid,
         scratch,
     });
@@ -37,6 +44,7 @@ pub(crate) fn rate(level: Level, width: usize, disparity: &[u16], valid: &mut [u
 struct Rate<'a> {
     width: usize,
     disparity: &'a [u16],
+    first_row: usize,
     valid: &'a mut [u8],
     scratch: &'a mut Scratch,
 }
@@ -49,6 +57,7 @@ impl Kernel for Rate<'_> {
         let Self {
             width,
             disparity,
+            first_row,
             valid,
             scratch,
         } = self;
@@ -57,7 +66,7 @@ impl Kernel for Rate<'_> {
         for row in [&mut *least, &mut *most] {
             row.resize(width + 2 * REACH.0, 0);
         }
-        for (y, valid) in valid.chunks_exact_mut(width).enumerate() {
+        for (y, valid) in (first_row..).zip(valid.chunks_exact_mut(width)) {
             let [above, here, below] = [y.saturating_sub(REACH.1), y, (y + REACH.1).min(last)]
                 .map(|y| &disparity[y * width..][..width]);
             let inner = REACH.0..REACH.0 + width;

@@ -13,6 +13,20 @@ pub(crate) struct Changes {
     rows: Vec<u64>,
 }
 
+/// Marks of some of its rows.
+#[derive(Debug)]
+pub(crate) struct Part<'a> {
+    rows: &'a mut [u64],
+}
+
+impl Part<'_> {
+    /// Columns `first..=last` changed in row `y`, counted from the part's first.
+    #[inline(always)]
+    pub(crate) fn mark(&mut self, y: usize, first: usize, last: usize) {
+        self.rows[y] |= (u64::MAX << (first / BLOCK_PX)) & (u64::MAX >> (63 - last / BLOCK_PX));
+    }
+}
+
 impl Changes {
     /// Nothing changed in a map of `height` rows.
     pub(crate) fn reset(&mut self, height: usize) {
@@ -29,7 +43,12 @@ impl Changes {
     /// Columns `first..=last` of row `y` changed.
     #[inline(always)]
     pub(crate) fn mark(&mut self, y: usize, first: usize, last: usize) {
-        self.rows[y] |= (u64::MAX << (first / BLOCK_PX)) & (u64::MAX >> (63 - last / BLOCK_PX));
+        Part { rows: &mut self.rows }.mark(y, first, last);
+    }
+
+    /// The marks of every `rows` rows.
+    pub(crate) fn parts_mut(&mut self, rows: usize) -> impl Iterator<Item = Part<'_>> {
+        self.rows.chunks_mut(rows).map(|rows| Part { rows })
     }
 
     /// Calls `visit(rows, columns)` for areas that together cover `rows` of a map of `width` wherever a row less than

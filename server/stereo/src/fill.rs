@@ -3,66 +3,129 @@
 //! What the right view does not see belongs to the background, so the largest of the four is never right; the smallest
 //! may be an outlier. The second smallest is neither.
 
+use crate::fork_join::{self, ForkJoin};
 use crate::marks;
 use crate::simd::{Kernel, Lanes, Level};
 
 /// There is no valid pixel in a direction.
 const NONE: u16 = u16::MAX;
 
-/// Scratch of a map.
+/// Scratch of one way through a map.
 #[derive(Debug, Default)]
 pub(crate) struct Scratch {
     /// The last valid disparity of every column so far.
-    above: Vec<u16>,
+    kept: Vec<u16>,
     /// Where gaps of a row begin and end.
     ends: Vec<u8>,
 }
 
-/// Fills the pixels of `disparity` (rows of `width`) where `valid` is 0 instead of 1; without any valid pixel they become 0.
-pub(crate) fn fill(level: Level, width: usize, disparity: &mut [u16], valid: &[u8], scratch: &mut Scratch) {
-    level.run(Fill {
-        width,
-        disparity,
-        valid,
-        scratch,
-    });
-}
-
-struct Fill<'a> {
+/// A part of a map: rows from top to bottom, or the other way round.
+struct Rows<'a> {
     width: usize,
     disparity: &'a mut [u16],
+    /// 1 where there is a disparity, else 0.
     valid: &'a [u8],
+    upwards: bool,
+}
+
+/// Fills a map's pixels that are not valid; without any valid pixel they become 0.
+///
+/// Half a map looks from the top, half from the bottom, and each goes on where the other has been: two threads have no row
+/// in common.
+pub(crate) fn fill(
+    level: Level,
+    width: usize,
+    disparity: &mut [u16],
+    valid: &[u8],
+    scratch: &mut [Scratch; 2],
+    join: &dyn ForkJoin,
+) {
+    let middle = disparity.len() / width / 2 * width;
+    for is_back in [false, true] {
+        let (upper, lower) = disparity.split_at_mut(middle);
+        let [down, up] = scratch;
+        // On the way back each half is met by what has seen the other one.
+        let (first, second) = if is_back { (up, down) } else { (down, up) };
+        let halves = [
+            (upper, &valid[..middle], is_back, first),
+            (lower, &valid[middle..], !is_back, second),
+        ];
+        fork_join::for_each(
+            join,
+            halves.into_iter(),
+            |_, (disparity, valid, upwards, scratch)| {
+                let rows = Rows {
+                    width,
+                    disparity,
+                    valid,
+                    upwards,
+                };
+                if is_back {
+                    level.run(Back { rows, scratch });
+                } else {
+                    level.run(Look { rows, scratch });
+                }
+            },
+        );
+    }
+}
+
+impl Rows<'_> {
+    fn count(&self) -> usize {
+        self.valid.len() / self.width
+    }
+
+    /// Disparities and validity of row `k` on the way.
+    #[inline(always)]
+    fn row(&mut self, k: usize) -> (&mut [u16], &[u8]) {
+        let y = if self.upwards { self.count() - 1 - k } else { k };
+        let pixels = y * self.width..(y + 1) * self.width;
+        (&mut self.disparity[pixels.clone()], &self.valid[pixels])
+    }
+}
+
+/// A pixel to fill remembers the last valid one that was seen, in its own place.
+struct Look<'a> {
+    rows: Rows<'a>,
     scratch: &'a mut Scratch,
 }
 
-impl Kernel for Fill<'_> {
+impl Kernel for Look<'_> {
     type Output = ();
 
     #[inline(always)]
     fn run<L: Lanes>(self, _: L) {
-        let Self {
-            width,
-            disparity,
-            valid,
-            scratch,
-        } = self;
-        let Scratch { above, ends } = scratch;
-        above.clear();
-        above.resize(width, NONE);
-        // Upwards: a pixel to fill remembers the next valid one below, in its own place.
-        for (row, valid) in disparity
-            .chunks_exact_mut(width)
-            .zip(valid.chunks_exact(width))
-            .rev()
-        {
-            keep_valid(valid, row, above);
-            row.copy_from_slice(above);
+        let Self { mut rows, scratch } = self;
+        let kept = &mut scratch.kept;
+        kept.clear();
+        kept.resize(rows.width, NONE);
+        for k in 0..rows.count() {
+            let (row, valid) = rows.row(k);
+            keep_valid(valid, row, kept);
+            row.copy_from_slice(kept);
         }
-        // Downwards, with the last valid one above, and the ends of the gap in the row.
-        above.fill(NONE);
+    }
+}
+
+/// The other way: with the last valid one of that way, and the ends of the gap in the row.
+struct Back<'a> {
+    rows: Rows<'a>,
+    /// Of the way that looked at the other half.
+    scratch: &'a mut Scratch,
+}
+
+impl Kernel for Back<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, _: L) {
+        let Self { mut rows, scratch } = self;
+        let Scratch { kept, ends } = scratch;
+        let width = rows.width;
         marks::clear(ends, width);
-        for (row, valid) in disparity.chunks_exact_mut(width).zip(valid.chunks_exact(width)) {
-            keep_valid(valid, row, above);
+        for k in 0..rows.count() {
+            let (row, valid) = rows.row(k);
+            keep_valid(valid, row, kept);
             (ends[0], ends[width]) = (1 - valid[0], 1 - valid[width - 1]);
             for (end, pair) in ends[1..width].iter_mut().zip(valid.windows(2)) {
                 *end = pair[0] ^ pair[1];
@@ -71,8 +134,8 @@ impl Kernel for Fill<'_> {
             while let (Some(start), Some(end)) = (marks.next(), marks.next()) {
                 let left = if start > 0 { row[start - 1] } else { NONE };
                 let right = row.get(end).copied().unwrap_or(NONE);
-                for (value, above) in row[start..end].iter_mut().zip(&above[start..end]) {
-                    *value = second_least(left, right, *above, *value);
+                for (value, kept) in row[start..end].iter_mut().zip(&kept[start..end]) {
+                    *value = second_least(left, right, *kept, *value);
                 }
             }
         }
@@ -101,13 +164,14 @@ fn second_least(a: u16, b: u16, c: u16, d: u16) -> u16 {
 
 #[cfg(test)]
 mod tests {
-    use super::{Scratch, fill};
+    use super::fill;
+    use crate::fork_join::Serial;
     use crate::simd::Level;
 
     fn filled(width: usize, disparity: &[u16], valid: &[u8]) -> Vec<u16> {
         let mut results = Level::available().into_iter().map(|level| {
             let mut map = disparity.to_vec();
-            fill(level, width, &mut map, valid, &mut Scratch::default());
+            fill(level, width, &mut map, valid, &mut Default::default(), &Serial);
             map
         });
         let first = results.next().expect("the scalar level is always there");

@@ -28,6 +28,9 @@ impl ForkJoin for Serial {
 /// Most pieces that work is cut into.
 const MOST_PIECES: usize = 16;
 
+/// Steps of one thread that each of several does at once.
+const STEPS_SHARED: usize = 8;
+
 /// How many pieces work is cut into.
 pub(crate) fn pieces(join: &dyn ForkJoin) -> usize {
     join.threads().clamp(1, MOST_PIECES)
@@ -53,4 +56,21 @@ pub(crate) fn for_each<T: Send>(
             work(piece, part);
         }
     });
+}
+
+/// One scratch for each piece.
+pub(crate) fn scratch<'a, S: Default>(join: &dyn ForkJoin, kept: &'a mut Vec<S>) -> &'a mut [S] {
+    let pieces = pieces(join);
+    if kept.len() < pieces {
+        kept.resize_with(pieces, S::default);
+    }
+    &mut kept[..pieces]
+}
+
+/// `one` steps' worth of work on one thread. Threads share larger steps, so that they seldom wait for each other.
+pub(crate) fn in_a_step(join: &dyn ForkJoin, one: usize) -> usize {
+    match pieces(join) {
+        1 => one,
+        pieces => one * pieces * STEPS_SHARED,
+    }
 }

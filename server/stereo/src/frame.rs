@@ -80,6 +80,8 @@ pub(crate) struct Frame {
     right_census: Census,
     gradient: Gradient,
     candidates: Vec<Candidate>,
+    /// What each piece of a search found.
+    found: Vec<Vec<Support>>,
     /// Matched in this iteration; then moved to `supports`.
     fresh: Vec<Support>,
     supports: Vec<Support>,
@@ -242,12 +244,16 @@ impl Frame {
             gradient: None,
         };
         let level = self.level;
-        fork_join::for_each(join, [left, right].into_iter(), |_, view| {
+        // The left view has its gradient besides, so the right one's piece forgets the costs.
+        let views = [(left, None), (right, Some(&mut self.cost))];
+        fork_join::for_each(join, views.into_iter(), |_, (view, cost)| {
             view.take_in(level, recipe.pattern);
+            if let Some(cost) = cost {
+                cost.fill(u8::MAX);
+            }
         });
         self.supports.clear();
         self.rasterised_vertices = 0;
-        self.cost.fill(u8::MAX);
     }
 
     /// Columns of the padded rows of both views that show real pixels.
@@ -281,9 +287,9 @@ impl Frame {
     ) -> Option<Stage> {
         match stage {
             Stage::Choose => Some(self.choose(rung, recipe)),
-            Stage::Search { next } => Some(self.search(next, recipe)),
+            Stage::Search { next } => Some(self.search(next, recipe, join)),
             Stage::Insert { next } => Some(self.insert(next)),
-            Stage::Interpolate => Some(self.interpolate(rung)),
+            Stage::Interpolate => Some(self.interpolate(rung, join)),
             Stage::Propagate => Some(self.propagate()),
             Stage::Evaluate { row } => self.evaluate(row, rung, recipe, join),
             Stage::Dense(part) => Some(self.dense_step(part, join)),
@@ -298,6 +304,7 @@ impl Frame {
         recipe: &Recipe,
         (shape, params): (Shape, &Params),
         out: &mut DisparityMap,
+        join: &dyn ForkJoin,
     ) -> Published {
         let scale = CostScale {
             half_at: recipe.half_confidence_at,
@@ -308,7 +315,7 @@ impl Frame {
                 publish::Confidence::OfCosts(scale, &self.cost)
             }
             Work::HalfBand | Work::Full => {
-                self.rate_dense(rung, scale);
+                self.rate_dense(rung, scale, join);
                 publish::Confidence::Known(&self.confidence)
             }
         };
@@ -319,7 +326,7 @@ impl Frame {
             disparity: &self.disparity,
             confidence,
         };
-        publish::publish(self.level, &maps, shape, params, out)
+        publish::publish(self.level, &maps, (shape, params), out, join)
     }
 
     /// Writes the mesh to `out`, in the image's pixels and disparities: the one that was matched, or one that is made anew from

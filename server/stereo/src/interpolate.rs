@@ -3,6 +3,8 @@
 //! Every triangle is a plane `d = a u + b v + c` in disparity space. Where the paper looks up each pixel's triangle, the
 //! scan lines of the triangles are filled directly: the same result, and a triangle that did not change costs nothing.
 
+use std::ops::Range;
+
 use crate::disparity::FIXED_PER_PX;
 use crate::mesh::Vertex;
 use crate::simd::{Kernel, Lanes, Level};
@@ -68,9 +70,15 @@ impl Edge {
 
 /// Calls `row(v, u_first, u_last)` for every scan line of a triangle of whole pixels; pixels on its edges are inside.
 #[inline(always)]
+pub(crate) fn scan_lines(vertices: &[Vertex; 3], row: impl FnMut(usize, usize, usize)) {
+    scan_lines_within(vertices, 0..i64::MAX, row);
+}
+
+/// The same for those of its scan lines that are in `rows`.
+#[inline(always)]
 #[expect(clippy::cast_possible_truncation, reason = "whole pixels of an image")]
 #[expect(clippy::cast_sign_loss, reason = "vertices have no negative coordinates")]
-pub(crate) fn scan_lines(vertices: &[Vertex; 3], mut row: impl FnMut(usize, usize, usize)) {
+fn scan_lines_within(vertices: &[Vertex; 3], rows: Range<i64>, mut row: impl FnMut(usize, usize, usize)) {
     let mut sorted = [(0, 0); 3];
     for (sorted, vertex) in sorted.iter_mut().zip(vertices) {
         *sorted = (vertex.u as i64, vertex.v as i64);
@@ -78,7 +86,15 @@ pub(crate) fn scan_lines(vertices: &[Vertex; 3], mut row: impl FnMut(usize, usiz
     sorted.sort_by_key(|&(_, v)| v);
     let [top, middle, bottom] = sorted;
     let (mut long, mut short) = (Edge::down(top, bottom), Edge::down(top, middle));
-    for v in top.1..=bottom.1 {
+    let first = top.1.max(rows.start);
+    long.column += long.step * (first - top.1);
+    if first > middle.1 {
+        short = Edge::down(middle, bottom);
+        short.column += short.step * (first - middle.1);
+    } else {
+        short.column += short.step * (first - top.1);
+    }
+    for v in first..(bottom.1 + 1).min(rows.end) {
         // A horizontal edge is covered whole by the row of the middle vertex; without height, that is the only row.
         if v == middle.1 {
             short = Edge::down(middle, bottom);
@@ -106,30 +122,41 @@ pub(crate) fn fill(
     triangles: impl Iterator<Item = [Vertex; 3]>,
     max_fixed: u16,
 ) {
-    fill_reporting(level, map, width, triangles, max_fixed, |_, _, _| ());
-}
-
-/// The same, calling `filled(row, first, last)` for every row of a triangle.
-pub(crate) fn fill_reporting(
-    level: Level,
-    map: &mut [u16],
-    width: usize,
-    triangles: impl Iterator<Item = [Vertex; 3]>,
-    max_fixed: u16,
-    filled: impl FnMut(usize, usize, usize),
-) {
-    level.run(Fill {
+    let strip = Strip {
+        first_row: 0,
         map,
         width,
-        triangles,
-        max_fixed,
-        filled,
-    });
+    };
+    strip.fill(level, triangles, max_fixed, |_, _, _| ());
+}
+
+/// Rows of a map from `first_row` on.
+pub(crate) struct Strip<'a> {
+    pub(crate) first_row: usize,
+    pub(crate) map: &'a mut [u16],
+    pub(crate) width: usize,
+}
+
+impl Strip<'_> {
+    /// Fills what lies in the strip, calling `filled(row, first, last)` for every row of a triangle there.
+    pub(crate) fn fill(
+        self,
+        level: Level,
+        triangles: impl Iterator<Item = [Vertex; 3]>,
+        max_fixed: u16,
+        filled: impl FnMut(usize, usize, usize),
+    ) {
+        level.run(Fill {
+            strip: self,
+            triangles,
+            max_fixed,
+            filled,
+        });
+    }
 }
 
 struct Fill<'a, T, F> {
-    map: &'a mut [u16],
-    width: usize,
+    strip: Strip<'a>,
     triangles: T,
     max_fixed: u16,
     filled: F,
@@ -140,23 +167,36 @@ impl<T: Iterator<Item = [Vertex; 3]>, F: FnMut(usize, usize, usize)> Kernel for 
 
     #[inline(always)]
     #[expect(clippy::cast_possible_truncation, reason = "clamped to 16 bit before")]
+    #[expect(clippy::cast_possible_wrap, reason = "rows are few")]
     fn run<L: Lanes>(self, lanes: L) {
         let Self {
-            map,
-            width,
+            strip:
+                Strip {
+                    first_row,
+                    map,
+                    width,
+                },
             triangles,
             max_fixed,
             mut filled,
         } = self;
         let max = i32::from(max_fixed) << 16;
+        let rows = first_row as i64..(first_row + map.len() / width) as i64;
+        let (start, end) = (rows.start as f32, rows.end as f32);
         for vertices in triangles {
+            // Most triangles lie in one strip.
+            if vertices.iter().all(|vertex| vertex.v < start) || vertices.iter().all(|vertex| vertex.v >= end)
+            {
+                continue;
+            }
             let Some(plane) = Plane::through(&vertices) else {
                 continue;
             };
             let ramp = Ramp::of(&plane, &vertices[0]);
-            scan_lines(&vertices, |y, from, to| {
+            scan_lines_within(&vertices, rows.clone(), |y, from, to| {
                 filled(y, from, to);
-                let row = &mut map[y * width + from..=y * width + to];
+                let at = (y - first_row) * width;
+                let row = &mut map[at + from..=at + to];
                 lanes.ramp(row, ramp.at(from, y), (ramp.a >> 16) as i32, max);
             });
         }

@@ -195,7 +195,7 @@ impl Matcher {
             None => {
                 let published = self
                     .frame
-                    .publish(rung, self.recipe, (self.shape, &self.params), out);
+                    .publish(rung, self.recipe, (self.shape, &self.params), out, join);
                 self.finish_rung(&published)
             }
         }

@@ -1,7 +1,10 @@
 //! Writes a rung's result: disparities of the pixels asked for, their confidence, and what is known about the whole.
 
+use std::sync::Mutex;
+
 use crate::confidence::CostScale;
 use crate::disparity::{DisparityMap, FIXED_PER_PX};
+use crate::fork_join::{self, ForkJoin};
 use crate::frame::Window;
 use crate::image::{Roi, Shape};
 use crate::params::{Density, Params};
@@ -39,42 +42,68 @@ pub(crate) struct Published {
 pub(crate) fn publish(
     level: Level,
     maps: &Maps<'_>,
-    shape: Shape,
-    params: &Params,
+    (shape, params): (Shape, &Params),
     out: &mut DisparityMap,
+    join: &dyn ForkJoin,
 ) -> Published {
     let roi = params.roi.unwrap_or(Roi::full(shape));
     if roi != Roi::full(shape) || out.shape() != shape {
         out.reset(shape);
     }
-    level.run(Publish {
-        maps,
-        roi,
-        params,
-        out,
-    })
+    let width = shape.width_px();
+    let rows = roi.height.div_ceil(fork_join::pieces(join));
+    let all = Mutex::new(Counts::default());
+    let (fixed, confidence) = out.parts_mut();
+    let asked = roi.y * width..(roi.y + roi.height) * width;
+    let parts = fixed[asked.clone()].chunks_mut(rows * width);
+    let parts = parts.zip(confidence[asked].chunks_mut(rows * width));
+    fork_join::for_each(join, parts, |piece, (fixed, confidence)| {
+        let counts = level.run(Publish {
+            maps,
+            roi,
+            params,
+            first_row: roi.y + piece * rows,
+            width,
+            fixed,
+            confidence,
+        });
+        if let Ok(mut all) = all.lock() {
+            all.add(&counts);
+        }
+    });
+    let all = all.into_inner().unwrap_or_default();
+    Published {
+        density: share(all.answered, all.asked),
+        mean_confidence: share(all.confidence, all.textured),
+    }
 }
 
 struct Publish<'a> {
     maps: &'a Maps<'a>,
     roi: Roi,
     params: &'a Params,
-    out: &'a mut DisparityMap,
+    /// Whole rows of the output.
+    first_row: usize,
+    width: usize,
+    fixed: &'a mut [u16],
+    confidence: &'a mut [u8],
 }
 
 impl Kernel for Publish<'_> {
-    type Output = Published;
+    type Output = Counts;
 
     #[inline(always)]
-    fn run<L: Lanes>(self, _: L) -> Published {
+    fn run<L: Lanes>(self, _: L) -> Counts {
         let Self {
             maps,
             roi,
             params,
-            out,
+            first_row,
+            width,
+            fixed,
+            confidence,
         } = self;
         let window = maps.window.roi;
-        let image_width = out.shape().width_px();
         #[expect(clippy::cast_possible_truncation, reason = "between 0 and 255")]
         #[expect(clippy::cast_sign_loss, reason = "between 0 and 255")]
         let rule = Rule {
@@ -82,12 +111,14 @@ impl Kernel for Publish<'_> {
             least_confidence: (255.0 * params.min_confidence).ceil() as u8,
             offset: params.range.min_px * FIXED_PER_PX,
         };
-        let (fixed, confidence) = out.parts_mut();
         let mut all = Counts::default();
-        for y in roi.y..roi.y + roi.height {
+        let rows = fixed
+            .chunks_exact_mut(width)
+            .zip(confidence.chunks_exact_mut(width));
+        for (y, (fixed, confidence)) in (first_row..).zip(rows) {
             let from = (y - window.y) * window.width + roi.x - window.x;
             let span = from..from + roi.width;
-            let target = y * image_width + roi.x;
+            let target = roi.x..roi.x + roi.width;
             let row = Row {
                 mask: &maps.mask[span.clone()],
                 interpolated: &maps.interpolated[span.clone()],
@@ -97,20 +128,10 @@ impl Kernel for Publish<'_> {
                     Confidence::OfCosts(scale, map) => Confidence::OfCosts(scale, &map[span]),
                 },
             };
-            let counts = rule.write_row(
-                &row,
-                &mut fixed[target..target + roi.width],
-                &mut confidence[target..target + roi.width],
-            );
-            all.asked += counts.asked;
-            all.answered += counts.answered;
-            all.textured += counts.textured;
-            all.confidence += counts.confidence;
+            let counts = rule.write_row(&row, &mut fixed[target.clone()], &mut confidence[target]);
+            all.add(&counts);
         }
-        Published {
-            density: share(all.answered, all.asked),
-            mean_confidence: share(all.confidence, all.textured),
-        }
+        all
     }
 }
 
@@ -128,6 +149,15 @@ struct Counts {
     textured: u32,
     /// Sum over the mask; below 2^32 for 4096 x 4096 pixels.
     confidence: u32,
+}
+
+impl Counts {
+    fn add(&mut self, others: &Self) {
+        self.asked += others.asked;
+        self.answered += others.answered;
+        self.textured += others.textured;
+        self.confidence += others.confidence;
+    }
 }
 
 struct Rule {

@@ -1,6 +1,6 @@
 //! Winners of a band: the best label of every pixel, below a pixel, and whether the right view agrees.
 
-use crate::band::Band;
+use crate::band::{Grid, Half};
 use crate::disparity::FIXED_PER_PX;
 use crate::simd::{Kernel, LABELS, Lanes, Level};
 
@@ -25,13 +25,14 @@ pub(crate) struct Scratch {
 /// left of the first, sees the pixel and has the same winner within a pixel.
 pub(crate) fn row(
     level: Level,
-    (band, columns_before): (&Band, isize),
+    (grid, half, columns_before): (&Grid, &Half, isize),
     y: usize,
     scratch: &mut Scratch,
     (disparity, valid): (&mut [u16], &mut [u8]),
 ) {
     level.run(Row {
-        band,
+        grid,
+        half,
         columns_before,
         y,
         scratch,
@@ -41,7 +42,8 @@ pub(crate) fn row(
 }
 
 struct Row<'a> {
-    band: &'a Band,
+    grid: &'a Grid,
+    half: &'a Half,
     columns_before: isize,
     y: usize,
     scratch: &'a mut Scratch,
@@ -55,7 +57,8 @@ impl Kernel for Row<'_> {
     #[inline(always)]
     fn run<L: Lanes>(self, lanes: L) {
         let Self {
-            band,
+            grid,
+            half,
             columns_before,
             y,
             scratch,
@@ -63,7 +66,7 @@ impl Kernel for Row<'_> {
             valid,
         } = self;
         let width = disparity.len();
-        let (first, sums) = band.result_row(y);
+        let (first, sums) = half.result_row(grid, y);
         let Scratch {
             right,
             whole,

@@ -369,11 +369,14 @@ fn every_level_of_this_machine_gives_the_same_bits() {
 
 #[test]
 fn several_threads_give_the_same_bits_as_one() {
-    let pair = Pair::with_disparity(333, 210, |y| 6 + i64::try_from(y / 50 * 9).unwrap());
-    for params in [Params::default(), Params::fast(), Params::paper()] {
-        let one = climb(&mut matcher(pair.shape(), params.clone()), &pair, &Serial);
-        let three = climb(&mut matcher(pair.shape(), params), &pair, &ThreeThreads);
-        assert_eq!(one, three);
+    // The smallest image, halves of unlike height, and steps that end within a half.
+    for (width, height) in [(32, 32), (70, 37), (333, 210), (120, 611)] {
+        let pair = Pair::with_disparity(width, height, |y| 6 + i64::try_from(y / 50 * 2).unwrap());
+        for params in [Params::default(), Params::fast(), Params::paper()] {
+            let one = climb(&mut matcher(pair.shape(), params.clone()), &pair, &Serial);
+            let three = climb(&mut matcher(pair.shape(), params), &pair, &ThreeThreads);
+            assert_eq!(one, three, "{width}x{height}");
+        }
     }
 }
 

@@ -1,6 +1,6 @@
 //! The stages of the dense rungs: coarse levels around the mesh, and their result at full resolution.
 
-use super::{Columns, Frame, Stage};
+use super::{Frame, Stage};
 use crate::band::Penalties;
 use crate::coarse::{self, Constants};
 use crate::confidence::{CostScale, rate_dense};
@@ -60,21 +60,23 @@ impl Frame {
     pub(super) fn dense_step(&mut self, part: Part, join: &dyn ForkJoin) -> Stage {
         match part {
             Part::Shrink => {
-                self.shrink();
+                self.shrink(join);
                 Stage::Dense(Part::Quarter(coarse::Step::START))
             }
             Part::Quarter(step) => {
-                if let Some(next) = self.quarter.solve(self.level, &QUARTER, step) {
+                if let Some(next) = self.quarter.solve(self.level, &QUARTER, step, join) {
                     return Stage::Dense(Part::Quarter(next));
                 }
-                self.half.centre_on(self.level, &self.quarter);
+                self.half.centre_on(self.level, &self.quarter, join);
                 Stage::Dense(Part::Half(coarse::Step::START))
             }
-            Part::Half(step) => Stage::Dense(
-                self.half
-                    .solve(self.level, &HALF, step)
-                    .map_or(Part::Enlarge, Part::Half),
-            ),
+            Part::Half(step) => {
+                if let Some(next) = self.half.solve(self.level, &HALF, step, join) {
+                    return Stage::Dense(Part::Half(next));
+                }
+                self.half.rate(self.level, join);
+                Stage::Dense(Part::Enlarge)
+            }
             Part::Enlarge => {
                 self.enlarge(join);
                 Stage::Publish
@@ -87,23 +89,18 @@ impl Frame {
     }
 
     /// Starts the coarse levels around the mesh.
-    fn shrink(&mut self) {
+    fn shrink(&mut self, join: &dyn ForkJoin) {
         let (width, disparities) = (self.width(), self.window.disparities);
-        let half = |columns: &Columns| columns.start.div_ceil(2)..columns.end / 2;
-        let (left, right) = &self.real_columns;
-        self.half.begin(
+        coarse::shrink(
             self.level,
+            [&mut self.half, &mut self.quarter],
             (&self.left, &self.right),
-            (left.clone(), right.clone()),
+            self.real_columns.clone(),
             disparities,
+            join,
         );
-        self.quarter.begin(
-            self.level,
-            self.half.planes(),
-            (half(left), half(right)),
-            disparities / 2,
-        );
-        self.quarter.centre_on_map(self.level, &self.interpolated, width);
+        self.quarter
+            .centre_on_map(self.level, &self.interpolated, width, join);
     }
 
     fn enlarge(&mut self, join: &dyn ForkJoin) {
@@ -120,35 +117,34 @@ impl Frame {
 
     fn smooth(&mut self, join: &dyn ForkJoin) {
         let (level, width, from) = (self.level, self.width(), &self.proposed);
-        let pieces = fork_join::pieces(join);
-        if self.smoothing.len() < pieces {
-            self.smoothing.resize_with(pieces, Default::default);
-        }
-        let rows = self.height().div_ceil(pieces);
+        let rows = self.height().div_ceil(fork_join::pieces(join));
+        let scratch = fork_join::scratch(join, &mut self.smoothing);
         let parts = self.disparity.chunks_mut(rows * width);
-        fork_join::for_each(join, parts.zip(&mut self.smoothing), |piece, (to, scratch)| {
+        fork_join::for_each(join, parts.zip(scratch), |piece, (to, scratch)| {
             let first = piece * rows;
             smooth::smooth(level, width, from, first..first + to.len() / width, to, scratch);
         });
     }
 
     /// Confidences after a dense rung.
-    pub(super) fn rate_dense(&mut self, rung: &Rung, scale: CostScale) {
+    pub(super) fn rate_dense(&mut self, rung: &Rung, scale: CostScale, join: &dyn ForkJoin) {
         // What is known besides the cost allows a dearer match to be believed.
         let scale = CostScale {
             half_at: scale.half_at + 40,
             ..scale
         };
         let (_, certainty) = self.half.result();
-        let (width, half_width) = (self.width(), self.half.width());
-        let rows = self
-            .confidence
-            .chunks_exact_mut(width)
-            .zip(self.cost.chunks_exact(width));
-        for (y, (confidence, costs)) in rows.enumerate() {
-            let certainty = &certainty[y / 2 * half_width..][..half_width];
-            let costs = (rung.work == Work::Full).then_some(costs);
-            rate_dense(self.level, scale, certainty, costs, confidence);
-        }
+        let (level, width, half_width) = (self.level, self.width(), self.half.width());
+        let rows_a_piece = self.height().div_ceil(fork_join::pieces(join));
+        let parts = self.confidence.chunks_mut(rows_a_piece * width);
+        let parts = parts.zip(self.cost.chunks(rows_a_piece * width));
+        fork_join::for_each(join, parts, |piece, (confidence, costs)| {
+            let rows = confidence.chunks_exact_mut(width).zip(costs.chunks_exact(width));
+            for (y, (confidence, costs)) in (piece * rows_a_piece..).zip(rows) {
+                let certainty = &certainty[y / 2 * half_width..][..half_width];
+                let costs = (rung.work == Work::Full).then_some(costs);
+                rate_dense(level, scale, certainty, costs, confidence);
+            }
+        });
     }
 }

@@ -2,7 +2,7 @@
 
 use super::{Frame, Stage, dense};
 use crate::changes::STRIP_PX;
-use crate::cost::{Best, Evaluation, Scratch};
+use crate::cost::{Best, Evaluation};
 use crate::disparity::FIXED_PER_PX;
 use crate::epipolar::Views;
 use crate::fork_join::{self, ForkJoin};
@@ -63,7 +63,7 @@ impl Frame {
     }
 
     /// Searches some candidates; after the last one, drops what nothing supports.
-    pub(super) fn search(&mut self, next: usize, recipe: &Recipe) -> Stage {
+    pub(super) fn search(&mut self, next: usize, recipe: &Recipe, join: &dyn ForkJoin) -> Stage {
         let views = Views {
             pattern: recipe.pattern,
             left: &self.left_census,
@@ -74,10 +74,17 @@ impl Frame {
             near: (self.rasterised_vertices > 0 && recipe.consistency.is_some())
                 .then_some(&self.interpolated[..]),
         };
-        let end = (next + SEARCHES_A_STEP).min(self.candidates.len());
-        recipe
-            .search
-            .search(self.level, &views, &self.candidates[next..end], &mut self.fresh);
+        let end = (next + fork_join::in_a_step(join, SEARCHES_A_STEP)).min(self.candidates.len());
+        let (level, candidates) = (self.level, &self.candidates[next..end]);
+        let found = fork_join::scratch(join, &mut self.found);
+        let share = candidates.len().div_ceil(found.len()).max(1);
+        let parts = candidates.chunks(share).zip(&mut *found);
+        fork_join::for_each(join, parts, |_, (candidates, found)| {
+            recipe.search.search(level, &views, candidates, found);
+        });
+        for found in found {
+            self.fresh.append(found);
+        }
         if end < self.candidates.len() {
             return Stage::Search { next: end };
         }
@@ -114,29 +121,40 @@ impl Frame {
     }
 
     /// Rasterises the triangles that changed.
-    pub(super) fn interpolate(&mut self, rung: &Rung) -> Stage {
+    pub(super) fn interpolate(&mut self, rung: &Rung, join: &dyn ForkJoin) -> Stage {
         let (width, max_fixed) = (self.width(), self.window.max_fixed());
         let (height, changes) = (self.window.roi.height, &mut self.changes);
-        let changed = self.triangulation.triangles_from(self.rasterised_vertices);
-        let changed = changed.map(|triangle| triangle.vertices);
-        if self.rasterised_vertices == 0 {
+        let (level, triangulation) = (self.level, &self.triangulation);
+        let is_first = self.rasterised_vertices == 0;
+        let first_new = self.rasterised_vertices;
+        if is_first {
             changes.everything(height);
-            interpolate::fill(self.level, &mut self.interpolated, width, changed, max_fixed);
         } else {
             changes.reset(height);
+        }
+        let rows = height.div_ceil(fork_join::pieces(join));
+        let parts = self
+            .interpolated
+            .chunks_mut(rows * width)
+            .zip(changes.parts_mut(rows));
+        fork_join::for_each(join, parts, |piece, (map, mut changes)| {
+            let changed = triangulation.triangles_from(first_new);
+            let changed = changed.map(|triangle| triangle.vertices);
+            let strip = interpolate::Strip {
+                first_row: piece * rows,
+                map,
+                width,
+            };
             let mark = |y: usize, from: usize, to: usize| {
                 let end = (to + WINDOW_REACH_PX).min(width - 1);
-                changes.mark(y, from.saturating_sub(WINDOW_REACH_PX), end);
+                changes.mark(y - piece * rows, from.saturating_sub(WINDOW_REACH_PX), end);
             };
-            interpolate::fill_reporting(
-                self.level,
-                &mut self.interpolated,
-                width,
-                changed,
-                max_fixed,
-                mark,
-            );
-        }
+            if is_first {
+                strip.fill(level, changed, max_fixed, |_, _, _| ());
+            } else {
+                strip.fill(level, changed, max_fixed, mark);
+            }
+        });
         self.rasterised_vertices = self.triangulation.vertices();
         if let Work::Paper { occupancy_px } = rung.work {
             self.occupancy.reset(occupancy_px, self.width(), self.height());
@@ -173,7 +191,11 @@ impl Frame {
         join: &dyn ForkJoin,
     ) -> Option<Stage> {
         let (width, height) = (self.width(), self.height());
-        let end = (row + (PIXELS_A_STEP / width).next_multiple_of(STRIP_PX)).min(height);
+        let pixels = match rung.work {
+            Work::Paper { .. } => PIXELS_A_STEP,
+            _ => fork_join::in_a_step(join, PIXELS_A_STEP),
+        };
+        let end = (row + (pixels / width).next_multiple_of(STRIP_PX)).min(height);
         let band = row * width..end * width;
         // The result of a dense rung is not touched before it is replaced as a whole.
         let (from, to) = match rung.work {
@@ -206,13 +228,10 @@ impl Frame {
                     height,
                     window: rung.window,
                 };
-                let pieces = fork_join::pieces(join);
-                if self.scratch.len() < pieces {
-                    self.scratch.resize_with(pieces, Scratch::default);
-                }
-                let rows = (end - row).div_ceil(pieces).next_multiple_of(STRIP_PX);
+                let scratch = fork_join::scratch(join, &mut self.scratch);
+                let rows = (end - row).div_ceil(scratch.len()).next_multiple_of(STRIP_PX);
                 let parts = disparity.chunks_mut(rows * width);
-                let parts = parts.zip(cost.chunks_mut(rows * width)).zip(&mut self.scratch);
+                let parts = parts.zip(cost.chunks_mut(rows * width)).zip(scratch);
                 let (changes, is_full) = (&self.changes, rung.work == Work::Full);
                 fork_join::for_each(join, parts, |piece, ((disparity, cost), scratch)| {
                     let first = row + piece * rows;

@@ -1,6 +1,6 @@
 use proptest::prelude::*;
 
-use super::{Plane, fill, scan_lines};
+use super::{Plane, Strip, fill, scan_lines};
 use crate::mesh::Vertex;
 use crate::simd::Level;
 
@@ -93,6 +93,25 @@ proptest! {
                 prop_assert_eq!(fixed, u16::MAX);
             }
         }
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 256, failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn a_map_filled_in_strips_is_the_same(corners in corners(40), rows in 1usize..=40) {
+        let triangles = || [corners.map(vertex)].into_iter();
+        let (mut whole, mut parts) = (vec![77; 40 * 40], vec![77; 40 * 40]);
+        fill(Level::detect(), &mut whole, 40, triangles(), 255 * 64);
+        let mut lines = 0;
+        for (k, map) in parts.chunks_mut(rows * 40).enumerate() {
+            let strip = Strip { first_row: k * rows, map, width: 40 };
+            strip.fill(Level::detect(), triangles(), 255 * 64, |_, _, _| lines += 1);
+        }
+        prop_assert_eq!(&whole, &parts);
+        let filled = whole.chunks(40).filter(|row| row.iter().any(|&fixed| fixed != 77));
+        prop_assert!(filled.count() <= lines && lines <= 40);
     }
 }
 

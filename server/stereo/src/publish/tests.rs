@@ -2,6 +2,7 @@ use proptest::prelude::*;
 
 use super::{Confidence, Maps, Published, publish};
 use crate::disparity::DisparityMap;
+use crate::fork_join::Serial;
 use crate::frame::Window;
 use crate::image::{Roi, Shape};
 use crate::params::{Density, DisparityRange, Params};
@@ -52,7 +53,7 @@ impl Scene {
         let mut out = DisparityMap::new(self.shape);
         out.parts_mut().0.fill(9);
         out.parts_mut().1.fill(9);
-        let published = publish(Level::detect(), &maps, self.shape, params, &mut out);
+        let published = publish(Level::detect(), &maps, (self.shape, params), &mut out, &Serial);
         (out, published)
     }
 }
@@ -133,6 +134,12 @@ fn a_map_of_another_shape_takes_the_shape_of_the_result() {
         confidence: Confidence::Known(&scene.confidence),
     };
     let mut out = DisparityMap::new(Shape::new(33, 99).unwrap());
-    publish(Level::detect(), &maps, scene.shape, &Params::default(), &mut out);
+    publish(
+        Level::detect(),
+        &maps,
+        (scene.shape, &Params::default()),
+        &mut out,
+        &Serial,
+    );
     assert_eq!(out, scene.publish(&Params::default()).0);
 }
