@@ -28,8 +28,8 @@ impl ForkJoin for Serial {
 /// Most pieces that work is cut into.
 const MOST_PIECES: usize = 16;
 
-/// Steps of one thread that each of several does at once.
-const STEPS_SHARED: usize = 8;
+/// Steps of one thread that several do as one. Not more with more threads: it may be that none of the others has time.
+const STEPS_SHARED: usize = 4;
 
 /// How many pieces work is cut into.
 pub(crate) fn pieces(join: &dyn ForkJoin) -> usize {
@@ -67,10 +67,8 @@ pub(crate) fn scratch<'a, S: Default>(join: &dyn ForkJoin, kept: &'a mut Vec<S>)
     &mut kept[..pieces]
 }
 
-/// `one` steps' worth of work on one thread. Threads share larger steps, so that they seldom wait for each other.
+/// How much work is in a step, if it is `one` with one thread. Threads share larger steps, so that they seldom wait for each
+/// other.
 pub(crate) fn in_a_step(join: &dyn ForkJoin, one: usize) -> usize {
-    match pieces(join) {
-        1 => one,
-        pieces => one * pieces * STEPS_SHARED,
-    }
+    if pieces(join) > 1 { one * STEPS_SHARED } else { one }
 }

@@ -114,7 +114,8 @@ fn scan_lines_within(vertices: &[Vertex; 3], rows: Range<i64>, mut row: impl FnM
     }
 }
 
-/// Fills the triangles' pixels of `map` (rows of `width`) with their planes, in 1/64 px, kept within 0..=`max_fixed`.
+/// Fills a whole map.
+#[cfg(test)]
 pub(crate) fn fill(
     level: Level,
     map: &mut [u16],
@@ -138,7 +139,7 @@ pub(crate) struct Strip<'a> {
 }
 
 impl Strip<'_> {
-    /// Fills what lies in the strip, calling `filled(row, first, last)` for every row of a triangle there.
+    /// Fills the triangles' pixels in the strip with their planes, in 1/64 px, kept within 0..=`max_fixed`, calling `filled(row, first, last)` for every row of a triangle there.
     pub(crate) fn fill(
         self,
         level: Level,
