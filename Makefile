@@ -34,10 +34,11 @@ eval: target/venv/ready
 stages:
 	cargo run --release --package stereo-tests --bin eval -- stages --data $(DATA) $(ARGS)
 
-# What the server keeps under 0.8 to 8 times its capacity, beside rival policies; writes out/load/. For one fleet on a
+# What the server keeps under 0.8 to 8 times its capacity, beside rival policies; writes out/load/ and the README's table. One part:
+# make load ARGS='--only burst'. For one fleet on a
 # running server: cargo load --server http://host:8080 --cameras 8 --rate 30 --size 640x480 --budget 50.
 load:
-	cargo run --release --package stereo-tests --bin load -- --suite overload $(ARGS)
+	cargo run --release --package stereo-tests --bin load -- --suite overload --write README.md $(ARGS)
 
 target/venv/ready:
 	python3 -m venv target/venv

@@ -70,9 +70,9 @@ struct State {
 struct Slot {
     /// Counts the threads that have had this index; only the last one may speak for it.
     generation: u64,
-    job: Option<Arc<Job>>,
-    /// A background job that lies aside with its matcher.
-    aside: Option<Arc<Job>>,
+    job: Option<(Ticket, Arc<Job>)>,
+    /// Jobs that lie aside, each with its matcher: one of the background class at most, and one with a deadline.
+    aside: Vec<(Ticket, Arc<Job>)>,
     /// When the worker last said that it got on.
     beat: Instant,
 }
@@ -90,7 +90,7 @@ impl Dispatch {
         let slot = || Slot {
             generation: 0,
             job: None,
-            aside: None,
+            aside: Vec::new(),
             beat: epoch,
         };
         Self {
@@ -174,6 +174,12 @@ impl Dispatch {
         }
     }
 
+    /// The reply to a request like `spec` was handed over `took` after it was encoded.
+    pub(crate) fn replied(&self, spec: &JobSpec<Kind>, took: Duration) {
+        let now = self.scheduler_time(Instant::now());
+        self.lock().scheduler.replied(now, spec, took);
+    }
+
     /// What [`submit`](Self::submit) would refuse now, for a request whose body has not been read.
     pub(crate) fn assess(
         &self,
@@ -210,8 +216,8 @@ impl Dispatch {
     }
 
     /// A stage of a dummy pair took `took`.
-    pub(crate) fn learn(&self, kind: Kind, stage: Stage, units: u32, took: Duration) {
-        self.lock().scheduler.learn(kind, stage, units, took);
+    pub(crate) fn prime(&self, kind: Kind, stage: Stage, units: u32, took: Duration) {
+        self.lock().scheduler.prime(kind, stage, units, took);
     }
 
     /// Gives up every worker that has not said for `limit` that it gets on: its job is answered with `error`. The seats of those that
@@ -228,13 +234,13 @@ impl Dispatch {
                 continue;
             }
             lost.extend(slot.job.take());
-            lost.extend(slot.aside.take());
+            lost.append(&mut slot.aside);
             slot.generation += 1;
             seats.push(Seat::new(self, index, slot.generation));
             state.scheduler.replaced(at, index);
         }
         drop(state);
-        for job in lost {
+        for (_, job) in lost {
             job.answer(Err(error.clone()));
         }
         seats

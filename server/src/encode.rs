@@ -14,6 +14,7 @@ pub(crate) mod surface;
 
 use bytes::Bytes;
 
+pub(crate) use self::png::gray_png;
 use crate::job::{MatchedFrame, ReplyFormat, Report};
 use crate::status::ServiceError;
 use crate::wire;

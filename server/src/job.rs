@@ -345,7 +345,7 @@ pub struct Report {
     pub iterations_asked: u32,
     /// Name of the last rung finished.
     pub rung: &'static str,
-    /// What dispatch expected decode, match, mesh and encode to take; zero if nothing is known yet.
+    /// What decode, the rungs that were run, mesh and encode were expected to take at dispatch; zero if nothing was known yet.
     pub predicted_cost: Duration,
     /// What they took.
     pub actual_cost: Duration,

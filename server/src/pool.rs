@@ -187,7 +187,7 @@ fn run(mut worker: Worker, seat: &Seat, process: &Process) {
     while let Some(task) = seat.take() {
         let taken = match task {
             Task::Start(taken) => Some(Run::new(taken)),
-            Task::Resume(ticket) => worker.pick_up(ticket),
+            Task::Resume(ticket, verdict) => worker.pick_up(ticket, verdict),
         };
         // What was put aside by a thread that is gone has been answered.
         let Some(mut run) = taken else {

@@ -168,6 +168,11 @@ impl Service {
         self.shared.dispatch.spec(request)
     }
 
+    /// The reply to a request like `spec` was handed over `took` after it was encoded.
+    pub(crate) fn replied(&self, spec: &JobSpec<Kind>, took: Duration) {
+        self.shared.dispatch.replied(spec, took);
+    }
+
     /// Waits until new work is refused.
     pub async fn draining(&self) {
         // The sender lives in `self`, so waiting can't fail.

@@ -101,8 +101,31 @@ pub struct Launch<'a> {
     pub program: Option<&'a Path>,
     /// The cores it may run on, as `taskset --cpu-list` takes them; `None` = all.
     pub cores: Option<&'a str>,
+    /// The cores its workers may run on, if not the same.
+    pub worker_cores: Option<&'a str>,
     /// Arguments of `stereod serve`, besides the address and the log level.
     pub args: &'a [&'a str],
+}
+
+/// Moves the threads of a process whose names start with `name` to `cores`; false if there is none or it can't be done.
+fn pin_threads(process: u32, name: &str, cores: &str) -> bool {
+    let Ok(threads) = std::fs::read_dir(format!("/proc/{process}/task")) else {
+        return false;
+    };
+    let is_named = |thread: &std::fs::DirEntry| {
+        let given = std::fs::read_to_string(thread.path().join("comm"));
+        given.is_ok_and(|given| given.starts_with(name))
+    };
+    let mut found = threads.flatten().filter(is_named).peekable();
+    found.peek().is_some()
+        && found.all(|thread| {
+            let mut command = Command::new("taskset");
+            command
+                .args(["--cpu-list", "--pid", cores])
+                .arg(thread.file_name());
+            let output = command.stdin(Stdio::null()).output();
+            output.is_ok_and(|output| output.status.success())
+        })
 }
 
 /// A running server.
@@ -131,7 +154,12 @@ impl Stereod {
     /// # Errors
     /// If the program can't be built or started, or ends before it listens.
     pub fn launch(launch: &Launch<'_>) -> Result<Self> {
-        let Launch { program, cores, args } = *launch;
+        let Launch {
+            program,
+            cores,
+            worker_cores,
+            args,
+        } = *launch;
         let program = match program {
             Some(program) => program,
             None => binary()?,
@@ -165,6 +193,13 @@ impl Stereod {
             }
             if let Some((_, url)) = line.split_once("listening on ") {
                 let url = url.trim().to_owned();
+                if let Some(cores) = worker_cores
+                    && !pin_threads(child.id(), "stereo-worker", cores)
+                {
+                    // Nothing may run on after an error.
+                    drop(child.kill().and_then(|()| child.wait()));
+                    bail!("the threads of the workers can't be moved to core {cores} with taskset");
+                }
                 return Ok(Self {
                     child,
                     _stdout: stdout,

@@ -11,7 +11,7 @@ use clap::Parser;
 use crate::arrivals::Process;
 use crate::plan::{Load, Profile, Stretch};
 
-pub(crate) use values::{Arrivals, Burst, Codec, Preset, Size, Suite};
+pub(crate) use values::{Arrivals, Burst, Codec, Part, Preset, Size, Suite};
 
 /// An open-loop load generator for stereod: how much can this server take within its budgets?
 ///
@@ -106,6 +106,24 @@ pub(crate) struct Args {
     )]
     pub(crate) max_in_flight: usize,
 
+    /// Writes every frame with what became of it as CSV.
+    #[arg(
+        long,
+        value_name = "FILE",
+        conflicts_with = "suite",
+        help_heading = "How long and how sure"
+    )]
+    pub(crate) records: Option<PathBuf>,
+
+    /// Parts of the suite to run; the table is put together from the last run of each.
+    #[arg(
+        long,
+        value_delimiter = ',',
+        default_value = "steady,burst,clients,png,large",
+        requires = "suite",
+        help_heading = "Servers started here"
+    )]
+    pub(crate) only: Vec<Part>,
     /// Scheduling policies to run in turn: edf is the server's own, the others are its rivals.
     #[arg(
         long,

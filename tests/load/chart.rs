@@ -12,7 +12,7 @@ use crate::figures::Part;
 use crate::record::Record;
 use crate::table::{Further, Row, Table};
 
-const SIZE_PX: (u32, u32) = (1200, 380);
+const PANEL_PX: (u32, u32) = (400, 380);
 /// Length of the stretches of a burst's timeline.
 const STRETCH_SECONDS: f64 = 0.5;
 /// Colours that people with colour blindness tell apart (Okabe and Ito).
@@ -28,44 +28,51 @@ const COLORS: [RGBColor; 6] = [
 type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 type Line = (String, Vec<(f64, f64)>);
 
-/// The picture as SVG.
+/// The picture as SVG; `None` if there is nothing to draw.
 ///
 /// # Errors
 /// If it can't be drawn.
-pub(crate) fn of(table: &Table) -> Result<String> {
+pub(crate) fn of(table: &Table) -> Result<Option<String>> {
+    let steady = |value: fn(&Row) -> f64| {
+        lines(table, |row| match row.further {
+            Further::Load { factor } => vec![(factor, value(row))],
+            _ => Vec::new(),
+        })
+    };
+    let burst = lines(table, |row| match &row.further {
+        Further::Burst { timeline, .. } => timeline.clone(),
+        _ => Vec::new(),
+    });
+    let load = "offered, multiples of C";
+    let mut panels = vec![
+        (
+            "in budget, % of offered",
+            load,
+            steady(|row| 100.0 * row.figures.attainment()),
+        ),
+        (
+            "in budget, frames a second",
+            load,
+            steady(|row| row.figures.goodput_hz),
+        ),
+        ("in budget through a burst, %", "seconds", burst),
+    ];
+    panels.retain(|(_, _, lines)| lines.iter().any(|(_, line)| !line.is_empty()));
+    if panels.is_empty() {
+        return Ok(None);
+    }
     let mut text = String::new();
     {
-        let root = SVGBackend::with_string(&mut text, SIZE_PX).into_drawing_area();
+        let size_px = (PANEL_PX.0 * u32::try_from(panels.len())?, PANEL_PX.1);
+        let root = SVGBackend::with_string(&mut text, size_px).into_drawing_area();
         root.fill(&WHITE)?;
-        let panels = root.split_evenly((1, 3));
-        let steady = |value: fn(&Row) -> f64| {
-            lines(table, |row| match row.further {
-                Further::Load { factor } => vec![(factor, value(row))],
-                _ => Vec::new(),
-            })
-        };
-        let share = steady(|row| 100.0 * row.figures.attainment());
-        panel(
-            &panels[0],
-            "in budget, % of offered",
-            "offered, multiples of C",
-            &share,
-        )?;
-        let goodput = steady(|row| row.figures.goodput_hz);
-        panel(
-            &panels[1],
-            "in budget, frames a second",
-            "offered, multiples of C",
-            &goodput,
-        )?;
-        let burst = lines(table, |row| match &row.further {
-            Further::Burst { timeline, .. } => timeline.clone(),
-            _ => Vec::new(),
-        });
-        panel(&panels[2], "in budget through a burst, %", "seconds", &burst)?;
+        let areas = root.split_evenly((1, panels.len()));
+        for (area, (caption, x_label, lines)) in areas.iter().zip(&panels) {
+            panel(area, caption, x_label, lines)?;
+        }
         root.present()?;
     }
-    Ok(text)
+    Ok(Some(text))
 }
 
 /// Share in budget (in %) by the time that frames were due.
@@ -146,7 +153,7 @@ mod tests {
 
     #[test]
     fn the_picture_is_svg_that_names_every_policy() {
-        let svg = of(&sample()).expect("a picture");
+        let svg = of(&sample()).expect("it can be drawn").expect("a picture");
         assert!(svg.starts_with("<svg") && svg.trim_end().ends_with("</svg>"));
         assert!(svg.contains("edf") && svg.contains("fifo"));
     }

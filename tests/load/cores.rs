@@ -1,19 +1,22 @@
-//! Keeping server and generator apart: each on cores of its own, where the system lets us choose.
+//! Keeping what is measured apart from what measures: the server's worker alone on its core, where the system lets us choose. Its network
+//! threads share the generator's core, so that they don't interrupt the worker; on two cores that is as far apart as it gets.
 
 use std::process::{Command, Stdio};
 
 /// Who runs where.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Cores {
-    /// The server's cores as `taskset` takes them; `None` = as the system likes.
-    pub(crate) server: Option<String>,
+    /// The core of the generator and of the server's network threads, as `taskset` takes it; `None` = as the system likes.
+    pub(crate) network: Option<String>,
+    /// The cores of the server's worker.
+    pub(crate) worker: Option<String>,
     /// A sentence about it.
     pub(crate) said: String,
 }
 
 impl Cores {
-    /// Moves this process to the last core it may use, and leaves the others to the server. Call it before any thread is
-    /// started.
+    /// Moves this process to the last core it may use, and leaves the others to the server's worker. Call it before any thread
+    /// is started.
     pub(crate) fn split() -> Self {
         let allowed = std::fs::read_to_string("/proc/self/status")
             .ok()
@@ -41,15 +44,17 @@ impl Cores {
         let plural = if server.contains(',') { "s" } else { "" };
         Self {
             said: format!(
-                "the server (one worker and its network threads) ran on core{plural} {server}, the generator on core {mine} (taskset)"
+                "the server's one worker ran on core{plural} {server}, its network threads and the generator on core {mine} (taskset)"
             ),
-            server: Some(server),
+            network: Some(mine.to_string()),
+            worker: Some(server),
         }
     }
 
     fn mixed(why: &str) -> Self {
         Self {
-            server: None,
+            network: None,
+            worker: None,
             said: format!("server and generator shared the cores, as {why}"),
         }
     }

@@ -4,6 +4,7 @@ use std::fmt::Write as _;
 use std::time::Duration;
 
 use crate::figures::quantile;
+use crate::record::{Outcome, Record, STAGES};
 use crate::table::{Further, Row, Table};
 
 const HEAD: &str = "time,machine,capacity_hz,load,policy,offered,offered_hz,in_budget,in_budget_by_server,admitted,admitted_missed,\
@@ -16,6 +17,35 @@ pub(crate) fn of(table: &Table, time: &str) -> String {
     for row in &table.rows {
         let cells: Vec<String> = cells(table, row, time).into_iter().map(quoted).collect();
         writeln!(text, "{}", cells.join(",")).expect("a String takes everything");
+    }
+    text
+}
+
+/// Every frame, in the order of the answers; times in milliseconds.
+pub(crate) fn of_records(records: &[Record]) -> String {
+    let ms = |time: Duration| format!("{:.3}", time.as_secs_f64() * 1e3);
+    let mut text =
+        "due,camera,budget,sent_late,latency,decided,outcome,rungs_run,predicted,actual,deadline_met,"
+            .to_owned();
+    text += &STAGES.join(",");
+    text.push('\n');
+    for record in records {
+        let shot = &record.shot;
+        let mut cells = vec![ms(shot.at), shot.camera.to_string(), ms(shot.budget)];
+        cells.extend([record.lag, record.latency, record.decided].map(ms));
+        match &record.outcome {
+            Outcome::Answered(digest) => {
+                cells.extend(["OK".to_owned(), digest.rungs_run.to_string()]);
+                cells.extend([digest.predicted, digest.actual].map(ms));
+                cells.push(digest.deadline_met.to_string());
+                cells.extend(digest.stages.map(ms));
+            }
+            Outcome::Refused { reason, .. } => cells.push(reason.as_str_name().to_owned()),
+            Outcome::Broken(why) => cells.push(quoted(why.clone())),
+            Outcome::NotSent => cells.push("NOT_SENT".to_owned()),
+        }
+        text += &cells.join(",");
+        text.push('\n');
     }
     text
 }

@@ -64,11 +64,15 @@ fn main() -> Result<ExitCode> {
 fn one(args: &Args) -> Result<ExitCode> {
     let started = match args.server {
         Some(_) => None,
-        None => Some(Stereod::launch(&Launch {
-            program: args.stereod.as_deref(),
-            cores: Cores::split().server.as_deref(),
-            args: &["--workers", "1"],
-        })?),
+        None => {
+            let cores = Cores::split();
+            Some(Stereod::launch(&Launch {
+                program: args.stereod.as_deref(),
+                cores: cores.network.as_deref(),
+                worker_cores: cores.worker.as_deref(),
+                args: &["--workers", "1"],
+            })?)
+        }
     };
     let url = started.as_ref().map(Stereod::url).or(args.server.as_deref());
     let url = url.context("there is no server")?;
@@ -104,6 +108,10 @@ fn one(args: &Args) -> Result<ExitCode> {
             generator.closed(count, &args.load(Process::Poisson), |now, _| now >= length)
         }
     };
+    if let Some(path) = &args.records {
+        std::fs::write(path, csv::of_records(&run.records))
+            .with_context(|| format!("can't write {}", path.display()))?;
+    }
     let figures = Figures::of(&run);
     ensure!(
         figures.answered + figures.expired > 0 || !figures.refused.is_empty(),

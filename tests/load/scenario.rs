@@ -127,7 +127,8 @@ impl Stage {
         }
         let server = Stereod::launch(&Launch {
             program: self.program.as_deref(),
-            cores: self.cores.server.as_deref(),
+            cores: self.cores.network.as_deref(),
+            worker_cores: self.cores.worker.as_deref(),
             args: &args,
         })?;
         wait_until_ready(server.url(), STARTED_WITHIN)?;

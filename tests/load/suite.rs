@@ -1,20 +1,22 @@
 //! The series of loads: capacity, then fractions and multiples of it, with the server's own policy and its rivals.
 
+use std::path::PathBuf;
 use std::time::Duration;
 
 use anyhow::{Context, Result};
 use bytes::Bytes;
+use clap::ValueEnum;
 use indicatif::ProgressBar;
 use stereo_tests::{machine, readme};
 
-use crate::args::{Args, Codec, Size};
+use crate::args::{Args, Codec, Part, Size};
 use crate::arrivals::Process;
 use crate::figures::{Figures, recovery};
 use crate::frames::Frames;
 use crate::generator::Until;
 use crate::plan::{Load, Profile, Stretch};
 use crate::scenario::{OWN_POLICY, Stage, Trial};
-use crate::table::{Further, Row, Table};
+use crate::table::{Further, LEGEND, Row, Table};
 use crate::{chart, csv, progress_bar};
 
 /// Budgets of raw pairs in ms.
@@ -40,58 +42,67 @@ const FOUR_MEGAPIXELS: Size = Size {
     height_px: 2048,
 };
 
-/// Runs everything, prints the table, and writes the files.
+/// Seconds of a measurement of a capacity.
+const CAPACITY_SECONDS: f64 = 6.0;
+/// Seconds of a rival's run: how it fares is plain soon.
+const RIVAL_SECONDS: f64 = 5.0;
+
+/// Runs the parts asked for, prints their tables, and writes the files. Each part measures the capacity for itself, so that parts can be
+/// run at different times; the table of the README has the last run of each.
 #[expect(clippy::print_stdout, reason = "the table is what this program is for")]
 pub(crate) fn run(args: &Args) -> Result<()> {
-    let before = machine::load_average();
-    let stage = Stage::new(args);
-    let trials = args.policies.len() * (FACTORS.len() + 3) + FACTORS.len() + 5;
-    let bar = progress_bar(trials as u64, "{bar:30} {pos}/{len} {elapsed}  {msg}")?;
+    let mut parts = args.only.clone();
+    parts.sort_unstable();
+    parts.dedup();
+    let bar = progress_bar(parts.len() as u64, "{bar:30} {pos}/{len} parts {elapsed}  {msg}")?;
     bar.enable_steady_tick(Duration::from_millis(500));
     let mut suite = Suite {
         args,
-        stage,
+        stage: Stage::new(args),
         frames: Frames::render(Size::VGA),
         bar,
         rows: Vec::new(),
     };
-    let raw = suite.frames.pair(Size::VGA, Codec::Raw)?;
-    let capacity_hz = suite.capacity("raw", &raw)?;
-    for policy in &args.policies {
-        suite.policy(policy, &raw, capacity_hz)?;
+    for part in parts {
+        let table = suite.part(part)?;
+        let written = write(args, part, &table)?;
+        suite
+            .bar
+            .suspend(|| println!("{}\nWritten: {written}\n", table.markdown(part)));
+        suite.bar.inc(1);
     }
-    let own = args.policies.iter().any(|policy| policy == OWN_POLICY);
-    if own {
-        suite.png()?;
-        suite.large()?;
-    }
-    let capacity_after_hz = suite.capacity("raw, again", &raw)?;
     suite.bar.finish_and_clear();
-    let table = Table {
-        rows: suite.rows,
-        capacity_hz,
-        capacity_after_hz,
-        machine: machine::describe(),
-        cores: suite.stage.cores.said.clone(),
-        load_average: before,
-    };
-    let text = table.markdown();
-    println!("{text}");
-    let written = write(args, &table)?;
-    println!("Written: {written}");
     if let Some(path) = &args.write {
-        readme::write_table(path, "load", &text)?;
+        readme::write_table(path, "load", &whole(args))?;
     }
     Ok(())
 }
 
-fn write(args: &Args, table: &Table) -> Result<String> {
+/// The tables of all parts that were ever run with this output folder.
+fn whole(args: &Args) -> String {
+    let parts = Part::value_variants().iter();
+    let tables = parts.filter_map(|&part| std::fs::read_to_string(kept(args, part)).ok());
+    tables.chain([LEGEND.to_owned()]).collect::<Vec<_>>().join("\n")
+}
+
+/// Where the table of a part is kept.
+fn kept(args: &Args, part: Part) -> PathBuf {
+    args.out.join(format!("{}.md", part.name()))
+}
+
+fn write(args: &Args, part: Part, table: &Table) -> Result<String> {
     std::fs::create_dir_all(&args.out).with_context(|| format!("can't make {}", args.out.display()))?;
-    // To the second, and without the colons that some file systems refuse.
-    let now = jiff::Timestamp::now().strftime("%Y-%m-%dT%H%M%SZ").to_string();
+    let dated = |ending| {
+        let time = table.file_time();
+        args.out.join(format!("{time}-{}.{ending}", part.name()))
+    };
+    let mut files = vec![
+        (kept(args, part), table.markdown(part)),
+        (dated("csv"), csv::of(table, &table.file_time())),
+    ];
+    files.extend(chart::of(table)?.map(|picture| (dated("svg"), picture)));
     let mut written = Vec::new();
-    for (ending, content) in [("csv", csv::of(table, &now)), ("svg", chart::of(table)?)] {
-        let path = args.out.join(format!("{now}-overload.{ending}"));
+    for (path, content) in files {
         std::fs::write(&path, content).with_context(|| format!("can't write {}", path.display()))?;
         written.push(path.display().to_string());
     }
@@ -107,23 +118,67 @@ struct Suite<'a> {
 }
 
 impl Suite<'_> {
-    fn capacity(&self, what: &str, pair: &Bytes) -> Result<f64> {
-        self.bar.set_message(format!("capacity, {what}"));
-        let capacity = self.stage.capacity_hz(pair, self.args.seconds);
-        self.bar.inc(1);
-        capacity.with_context(|| format!("can't measure the capacity for {what} pairs"))
+    /// One part, with the capacity for its pairs before and after it.
+    fn part(&mut self, part: Part) -> Result<Table> {
+        let load_average = machine::load_average();
+        let started = jiff::Timestamp::now();
+        let pair = match part {
+            Part::Steady | Part::Burst | Part::Clients => self.frames.pair(Size::VGA, Codec::Raw),
+            Part::Png => self.frames.pair(Size::VGA, Codec::Png),
+            Part::Large => self.frames.pair(FOUR_MEGAPIXELS, Codec::Raw),
+        }?;
+        let capacity_hz = self.capacity(part, &pair)?;
+        let policies = &self.args.policies;
+        let own = policies.iter().filter(|policy| *policy == OWN_POLICY);
+        match part {
+            Part::Steady => {
+                for policy in policies {
+                    self.steady(policy, &pair, capacity_hz, &RAW_BUDGETS_MS)?;
+                }
+            }
+            Part::Burst => {
+                for policy in policies {
+                    self.burst(policy, &pair, capacity_hz)?;
+                }
+            }
+            Part::Clients => {
+                for policy in policies {
+                    self.flood(policy, &pair, capacity_hz)?;
+                }
+            }
+            Part::Png => {
+                for policy in own {
+                    self.steady(policy, &pair, capacity_hz, &PNG_BUDGETS_MS)?;
+                }
+            }
+            Part::Large => self.large(&pair, capacity_hz)?,
+        }
+        Ok(Table {
+            rows: std::mem::take(&mut self.rows),
+            capacity_hz,
+            capacity_after_hz: self.capacity(part, &pair)?,
+            machine: machine::describe(),
+            cores: self.stage.cores.said.clone(),
+            load_average,
+            started,
+        })
     }
 
-    /// Every load with one policy.
-    fn policy(&mut self, policy: &str, raw: &Bytes, capacity_hz: f64) -> Result<()> {
+    fn capacity(&self, part: Part, pair: &Bytes) -> Result<f64> {
+        self.bar.set_message(format!("{}: capacity", part.name()));
+        let capacity = self.stage.capacity_hz(pair, CAPACITY_SECONDS);
+        capacity.with_context(|| format!("can't measure the capacity for the part `{}`", part.name()))
+    }
+
+    /// Fractions and multiples of the capacity with one policy.
+    fn steady(&mut self, policy: &str, pair: &Bytes, capacity_hz: f64, budgets_ms: &[u64]) -> Result<()> {
         for (factor, share) in FACTORS {
-            let load = self.load(Profile::steady(factor * capacity_hz), &RAW_BUDGETS_MS);
-            let until = self.until(factor, share)?;
+            let load = self.load(Profile::steady(factor * capacity_hz), budgets_ms);
+            let until = self.until(policy, factor, share)?;
             let name = format!("{factor:.1} C");
-            self.trial(name, policy, raw, &load, until, |_, _| Further::Load { factor })?;
+            self.trial(name, policy, pair, &load, until, |_, _| Further::Load { factor })?;
         }
-        self.burst(policy, raw, capacity_hz)?;
-        self.flood(policy, raw, capacity_hz)
+        Ok(())
     }
 
     fn burst(&mut self, policy: &str, raw: &Bytes, capacity_hz: f64) -> Result<()> {
@@ -150,7 +205,11 @@ impl Suite<'_> {
             let total_hz = share_hz * (flood + (CLIENTS - 1) as f64);
             let mut load = self.load(Profile::steady(total_hz), &RAW_BUDGETS_MS);
             load.weights[0] = flood;
-            let until = Until::exactly(Duration::from_secs_f64(self.args.seconds));
+            let seconds = match policy {
+                OWN_POLICY => self.args.seconds,
+                _ => RIVAL_SECONDS,
+            };
+            let until = Until::exactly(Duration::from_secs_f64(seconds));
             let name = if flood > 1.0 {
                 format!("one of {CLIENTS} clients at {FLOOD:.0} x its share")
             } else {
@@ -165,27 +224,12 @@ impl Suite<'_> {
         Ok(())
     }
 
-    /// PNG pairs with the server's own policy.
-    fn png(&mut self) -> Result<()> {
-        let png = self.frames.pair(Size::VGA, Codec::Png)?;
-        let capacity_hz = self.capacity("PNG", &png)?;
-        for (factor, share) in FACTORS {
-            let load = self.load(Profile::steady(factor * capacity_hz), &PNG_BUDGETS_MS);
-            let until = self.until(factor, share)?;
-            let name = format!("PNG, {factor:.1} C of {capacity_hz:.1} /s");
-            self.trial(name, OWN_POLICY, &png, &load, until, |_, _| Further::Nothing)?;
-        }
-        Ok(())
-    }
-
     /// More large images than there is memory for, if nothing bounds it.
-    fn large(&mut self) -> Result<()> {
-        let pair = self.frames.pair(FOUR_MEGAPIXELS, Codec::Raw)?;
-        let capacity_hz = self.capacity("4-megapixel", &pair)?;
+    fn large(&mut self, pair: &Bytes, capacity_hz: f64) -> Result<()> {
         let load = self.load(Profile::steady(LARGE * capacity_hz), &[1000]);
         let until = Until::exactly(Duration::from_secs_f64(self.args.seconds));
-        let name = format!("{FOUR_MEGAPIXELS}, {LARGE:.0} C of {capacity_hz:.1} /s, budget 1 s");
-        self.trial(name, OWN_POLICY, &pair, &load, until, |_, _| Further::Nothing)
+        let name = format!("{LARGE:.0} C, budget 1 s");
+        self.trial(name, OWN_POLICY, pair, &load, until, |_, _| Further::Nothing)
     }
 
     fn load(&self, profile: Profile, budgets_ms: &[u64]) -> Load {
@@ -199,7 +243,10 @@ impl Suite<'_> {
     }
 
     /// Below saturation, a run goes on until it is certain whether the share is attained.
-    fn until(&self, factor: f64, share: f64) -> Result<Until> {
+    fn until(&self, policy: &str, factor: f64, share: f64) -> Result<Until> {
+        if policy != OWN_POLICY {
+            return Ok(Until::exactly(Duration::from_secs_f64(RIVAL_SECONDS)));
+        }
         let least = Duration::try_from_secs_f64(self.args.seconds)?;
         let most = if factor > 1.0 {
             least
@@ -237,7 +284,6 @@ impl Suite<'_> {
             figures,
             memory_peak_bytes: trialled.memory_peak_bytes,
         });
-        self.bar.inc(1);
         Ok(())
     }
 }

@@ -3,6 +3,7 @@
 use std::fmt::Write as _;
 use std::time::Duration;
 
+use crate::args::Part;
 use crate::figures::{Figures, quantile};
 
 /// One load with one policy.
@@ -58,10 +59,12 @@ pub(crate) struct Table {
     pub(crate) cores: String,
     /// What else the machine was doing before.
     pub(crate) load_average: Option<f64>,
+    /// When it was begun.
+    pub(crate) started: jiff::Timestamp,
 }
 
 /// What the columns mean.
-const LEGEND: &str = "\nIn budget: the whole result was there within the budget, counted from the moment the frame was due, whether or not it \
+pub(crate) const LEGEND: &str = "In budget: the whole result was there within the budget, counted from the moment the frame was due, whether or not it \
 could be sent then; in brackets what is certain with 99 % confidence (MLPerf's early-stopping rule). By the server's clock: from the \
 request's head to the writing of the answer. Admitted misses: late by the server's clock or expired, of those answered or expired. \
 Decided: from sending a frame to the beginning of its refusal. Rungs: mean share of the ladder. Memory: the server's peak.\n";
@@ -71,19 +74,35 @@ of its peak, % | admitted misses, % | refused, % | decided p99, ms | rungs, % | 
 memory, MB | further |\n|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|\n";
 
 impl Table {
+    /// When it was begun, for the names of files: to the second, and without the colons that some file systems refuse.
+    pub(crate) fn file_time(&self) -> String {
+        self.started.strftime("%Y-%m-%dT%H%M%SZ").to_string()
+    }
+
     /// The table as Markdown, with a line on how it was measured.
-    pub(crate) fn markdown(&self) -> String {
+    pub(crate) fn markdown(&self, part: Part) -> String {
         let busy = self.load_average.map_or_else(String::new, |load| {
             format!(", load average {load:.1} before the start")
         });
+        let title = match part {
+            Part::Steady => "Steady load, raw VGA pairs, budgets 10, 20, 50 and 100 ms",
+            Part::Burst => "A burst of the same",
+            Part::Clients => "The same from five clients, one of which floods",
+            Part::Png => "PNG pairs, budgets 20, 50, 100 and 200 ms",
+            Part::Large => "4-megapixel pairs",
+        };
         let mut text = format!(
-            "C = {:.1} frames a second at full quality, closed-loop ({:.1} after all runs). {}; {}{busy}.\n\n{HEAD}",
-            self.capacity_hz, self.capacity_after_hz, self.machine, self.cores
+            "**{title}.** C = {:.1} frames a second at full quality, closed-loop ({:.1} after the runs). {}, {}; {}{busy}.\n\n{HEAD}",
+            self.capacity_hz,
+            self.capacity_after_hz,
+            self.started.strftime("%Y-%m-%d %H:%M UTC"),
+            self.machine,
+            self.cores
         );
         for row in &self.rows {
             self.row(&mut text, row);
         }
-        text + LEGEND
+        text
     }
 
     fn row(&self, text: &mut String, row: &Row) {
@@ -214,12 +233,13 @@ pub(crate) mod tests {
             machine: "a machine".to_owned(),
             cores: "apart".to_owned(),
             load_average: Some(0.5),
+            started: jiff::Timestamp::UNIX_EPOCH,
         }
     }
 
     #[test]
     fn every_row_has_as_many_cells_as_the_head() {
-        let text = sample().markdown();
+        let text = sample().markdown(Part::Steady);
         let widths: Vec<usize> = text
             .lines()
             .filter(|line| line.starts_with('|'))

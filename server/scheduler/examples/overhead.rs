@@ -24,9 +24,9 @@ fn main() {
         Stage::Rung(0),
         Stage::Rung(1),
         Stage::Rung(2),
-        Stage::Encode,
+        Stage::Encode(0),
     ] {
-        scheduler.learn(0, stage, 307_200, Duration::from_micros(1));
+        scheduler.prime(0, stage, 307_200, Duration::from_micros(1));
     }
     // Minutes ahead, so that everybody fits; in no order.
     let spec = |now: Duration, index: u32| JobSpec {

@@ -32,6 +32,16 @@ pub struct Refusal {
     pub earliest_feasible: Option<Duration>,
 }
 
+impl Refusal {
+    /// The same with `more` time needed.
+    pub(crate) fn after(self, more: Duration) -> Self {
+        Self {
+            earliest_feasible: self.earliest_feasible.map(|earliest| earliest + more),
+            ..self
+        }
+    }
+}
+
 /// Reasons of a [`Refusal`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Reason {
@@ -72,8 +82,13 @@ pub enum DropReason {
 pub enum Next<J> {
     /// A job from its start.
     Start(Dispatch<J>),
-    /// Go on with the refinement of the background job this worker was told to [`Yield`](Verdict::Yield).
-    Resume(Ticket),
+    /// Take up a job again that this worker was told to [`Yield`](Verdict::Yield).
+    Resume {
+        /// Its name.
+        ticket: Ticket,
+        /// What to do with it, as after a step.
+        verdict: Verdict,
+    },
 }
 
 /// A job on its way to a worker.
@@ -98,8 +113,6 @@ pub struct Plan {
     pub has_mesh: bool,
     /// Rungs to run at most, the first included.
     pub rungs: u8,
-    /// What it will typically take: the mandatory part and the rungs that fit before the deadline.
-    pub predicted: Duration,
     /// What the mandatory part (decode, base, mesh, encode) will take nearly always.
     pub mandatory_tail: Duration,
     /// The overload ladder's state when this was decided.
@@ -118,8 +131,8 @@ pub enum Verdict {
         /// Why it ends here.
         because: StopReason,
     },
-    /// Background only: put the job aside with its matcher and ask for the [`next`](crate::Scheduler::next) one. It comes back as
-    /// [`Next::Resume`].
+    /// Put the job aside with its matcher and ask for the [`next`](crate::Scheduler::next) one. It comes back as [`Next::Resume`]. A
+    /// worker has at most one background job aside, and one with a deadline.
     Yield,
     /// Nobody waits for the result any more: drop the job. The worker is free.
     Abandon,

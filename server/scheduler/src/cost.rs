@@ -1,23 +1,31 @@
 //! What a piece of work is going to cost: an online estimate for each stage of each kind.
 //!
-//! The last values of each are kept. What is *typical* is the median of the most recent ones, which follows a machine that gets
-//! slower within a few frames and doesn't follow a single hiccup. The *tail* is a high quantile of all that are kept. A kind
-//! that was never seen costs what that stage costs for other kinds, by the unit.
+//! The last values of each are kept. What is *typical* is between the median of the most recent ones, which doesn't follow a single
+//! hiccup, and their moving average, which follows a machine that gets slower within a few frames. The *tail* is a high quantile of all that are kept. What was only
+//! primed is forgotten with the first real value. What was never seen costs what is nearest to it, by the unit: the same stage of the
+//! same kind at another rung, then of the nearest kind, then of any.
 
 use std::collections::{BTreeMap, HashMap};
-use std::hash::Hash;
 use std::time::Duration;
 
-use crate::spec::Stage;
+use crate::running::RUNGS;
+use crate::spec::{Kind, Stage};
 
 /// Values kept of each stage of each kind.
 const KEPT: usize = 64;
 /// The most recent of them, of which the median is taken.
 const RECENT: usize = 16;
+/// Weight of the last value in the moving average.
+const WEIGHT: f32 = 0.3;
+/// The moving average takes no value for more than this many medians.
+const HICCUP: f32 = 2.0;
 /// The tail is the largest value but this many of [`KEPT`]: the 97th percentile.
 const ABOVE_TAIL: usize = 2;
 /// What was not measured for this long is measured anew: it may have changed.
 const STALE: Duration = Duration::from_secs(1);
+
+/// The tail of what is only like something that is known is so much higher.
+const UNLIKE: f64 = 1.5;
 
 /// What something costs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -37,13 +45,18 @@ impl Cost {
     }
 }
 
+/// One after the other. They are not all bad at once, nor independent: what they take beyond the typical adds up to something between
+/// what independent errors would (an exponent of 2) and their sum (1).
 impl std::ops::Add for Cost {
     type Output = Self;
 
     fn add(self, other: Self) -> Self {
+        let beyond = |cost: Self| cost.tail.saturating_sub(cost.typical).as_secs_f64();
+        let typical = self.typical + other.typical;
+        let both = (beyond(self).powf(EXPONENT) + beyond(other).powf(EXPONENT)).powf(1.0 / EXPONENT);
         Self {
-            typical: self.typical + other.typical,
-            tail: self.tail + other.tail,
+            typical,
+            tail: typical + Duration::try_from_secs_f64(both).unwrap_or_default(),
         }
     }
 }
@@ -60,6 +73,7 @@ struct Window {
     values: [f32; KEPT],
     next: usize,
     len: usize,
+    average: f32,
     typical: f32,
     tail: f32,
 }
@@ -69,6 +83,7 @@ impl Window {
         values: [0.0; KEPT],
         next: 0,
         len: 0,
+        average: 0.0,
         typical: 0.0,
         tail: 0.0,
     };
@@ -84,7 +99,10 @@ impl Window {
             *slot = self.values[(self.next + KEPT - 1 - age) % KEPT];
         }
         latest[..recent].sort_unstable_by(f32::total_cmp);
-        self.typical = f32::midpoint(latest[(recent - 1) / 2], latest[recent / 2]);
+        let median = f32::midpoint(latest[(recent - 1) / 2], latest[recent / 2]);
+        let weight = if self.len == 1 { 1.0 } else { WEIGHT };
+        self.average += weight * (value.min(HICCUP * median) - self.average);
+        self.typical = f32::midpoint(median, self.average);
 
         let mut all = self.values;
         let all = &mut all[..self.len];
@@ -100,9 +118,9 @@ impl Window {
         self.tail = tail.max(self.typical) * unseen;
     }
 
-    fn cost(&self, units: u32) -> Cost {
+    fn cost(&self, units: u32, scale: f64) -> Cost {
         let scaled = |by_unit: f32| {
-            Duration::try_from_secs_f64(f64::from(by_unit) * f64::from(units))
+            Duration::try_from_secs_f64(f64::from(by_unit) * f64::from(units) * scale)
                 .map_or(LONGEST, |cost| cost.min(LONGEST))
         };
         Cost {
@@ -112,12 +130,23 @@ impl Window {
     }
 }
 
+/// Of the sum of tails.
+const EXPONENT: f64 = 1.2;
+
+/// Rungs that are told apart.
+#[expect(clippy::cast_possible_truncation, reason = "a few")]
+const MOST_RUNGS: u8 = RUNGS as u8;
+
 /// No stage is taken to last longer, so that sums can't overflow.
 const LONGEST: Duration = Duration::from_secs(24 * 3600);
 
 #[derive(Debug)]
 struct Entry {
     window: Window,
+    /// Only dummies have been measured.
+    is_primed: bool,
+    /// What was typical of dummies; zero if there were none.
+    primed: f32,
     learned_at: Duration,
     /// When it was learned, in the order of learning; the key in `order`.
     turn: u64,
@@ -134,7 +163,7 @@ pub struct CostModel<K> {
     capacity: usize,
 }
 
-impl<K: Copy + Eq + Hash> CostModel<K> {
+impl<K: Kind> CostModel<K> {
     /// Knows nothing, and will remember at most `capacity` (at least 1) stages.
     #[must_use]
     pub fn new(capacity: usize) -> Self {
@@ -149,6 +178,19 @@ impl<K: Copy + Eq + Hash> CostModel<K> {
 
     /// `units` of `stage` took `took`, measured at `now`; nothing is learned from zero units.
     pub fn learn(&mut self, now: Duration, kind: K, stage: Stage, units: u32, took: Duration) {
+        self.record(now, (kind, stage), units, took, false);
+    }
+
+    /// As [`learn`](Self::learn), of a dummy: it counts until something real of the same stage and kind is learned.
+    pub fn prime(&mut self, now: Duration, kind: K, stage: Stage, units: u32, took: Duration) {
+        let is_known = |entry: &Entry| !entry.is_primed;
+        if !self.entries.get(&(kind, stage)).is_some_and(is_known) {
+            self.record(now, (kind, stage), units, took, true);
+        }
+    }
+
+    fn record(&mut self, now: Duration, key: (K, Stage), units: u32, took: Duration, is_primed: bool) {
+        let (_, stage) = key;
         if units == 0 {
             return;
         }
@@ -160,7 +202,6 @@ impl<K: Copy + Eq + Hash> CostModel<K> {
         let value = value as f32;
         self.pooled.entry(stage).or_insert(Window::EMPTY).record(value);
 
-        let key = (kind, stage);
         if !self.entries.contains_key(&key)
             && self.entries.len() >= self.capacity
             && let Some((_, oldest)) = self.order.pop_first()
@@ -170,6 +211,8 @@ impl<K: Copy + Eq + Hash> CostModel<K> {
         self.turns += 1;
         let entry = self.entries.entry(key).or_insert(Entry {
             window: Window::EMPTY,
+            is_primed,
+            primed: 0.0,
             learned_at: now,
             turn: self.turns,
         });
@@ -177,20 +220,87 @@ impl<K: Copy + Eq + Hash> CostModel<K> {
         self.order.insert(self.turns, key);
         entry.turn = self.turns;
         entry.learned_at = now;
+        if entry.is_primed && !is_primed {
+            entry.is_primed = false;
+            entry.window = Window::EMPTY;
+        }
         entry.window.record(value);
+        if is_primed {
+            entry.primed = entry.window.typical;
+        }
     }
 
-    /// What `units` of `stage` will take; of another kind if this one is unknown, by its tail; nothing if no kind is known.
+    /// What `units` of `stage` will take; what is nearest if this was never measured; nothing if the stage is unknown for all kinds.
     #[must_use]
     pub fn cost(&self, kind: K, stage: Stage, units: u32) -> Cost {
         if let Some(entry) = self.entries.get(&(kind, stage)) {
-            return entry.window.cost(units);
+            if entry.is_primed {
+                return self.corrected(kind, stage, units, &entry.window);
+            }
+            return entry.window.cost(units, 1.0);
+        }
+        let at_another_rung = match stage {
+            // Rungs themselves have nothing in common.
+            Stage::Rung(_) => None,
+            _ => self.at_other_rungs(kind, stage).next(),
+        };
+        let nearest = at_another_rung.map(|entry| &entry.window);
+        if let Some(window) = nearest.or_else(|| self.of_kin(kind, stage)) {
+            let Cost { typical, tail } = window.cost(units, 1.0);
+            return Cost {
+                typical,
+                tail: tail.mul_f64(UNLIKE),
+            };
         }
         let Some(window) = self.pooled.get(&stage) else {
             return Cost::default();
         };
-        let tail = window.cost(units).tail;
+        let tail = window.cost(units, 1.0).tail;
         Cost { typical: tail, tail }
+    }
+
+    /// What is known of `stage` of `kind` at other rungs, the nearest below first, then those above.
+    fn at_other_rungs(&self, kind: K, stage: Stage) -> impl Iterator<Item = &Entry> {
+        let rung = stage.rung();
+        self.at_rungs(kind, stage, (0..rung).rev().chain(rung + 1..MOST_RUNGS))
+    }
+
+    fn at_rungs(
+        &self,
+        kind: K,
+        stage: Stage,
+        rungs: impl Iterator<Item = u8>,
+    ) -> impl Iterator<Item = &Entry> {
+        rungs.filter_map(move |rung| self.entries.get(&(kind, stage.at_rung(rung)?)))
+    }
+
+    /// What dummies took, made more or less as real frames are at the other rungs where they have been measured. An ending takes no
+    /// longer than that of a better map.
+    fn corrected(&self, kind: K, stage: Stage, units: u32, dummies: &Window) -> Cost {
+        let is_real = |entry: &&Entry| !entry.is_primed;
+        let mut real = self.at_other_rungs(kind, stage).filter(is_real);
+        let both = real.find(|entry| entry.primed > 0.0);
+        let scale = both.map_or(1.0, |entry| f64::from(entry.window.typical / entry.primed));
+        let cost = dummies.cost(units, scale);
+        let better = match stage {
+            Stage::Mesh(rung) | Stage::Encode(rung) => self
+                .at_rungs(kind, stage, rung + 1..MOST_RUNGS)
+                .find(is_real)
+                .map(|entry| entry.window.cost(units, 1.0)),
+            Stage::Decode | Stage::Rung(_) | Stage::Step | Stage::Reply => None,
+        };
+        better.map_or(cost, |better| Cost {
+            typical: cost.typical.min(better.typical),
+            tail: cost.tail.min(better.tail),
+        })
+    }
+
+    fn of_kin(&self, kind: K, stage: Stage) -> Option<&Window> {
+        let same_stage = self.entries.iter().filter(|((_, other), _)| *other == stage);
+        let known = same_stage.filter_map(|((other, _), entry)| Some((kind.distance(other)?, entry)));
+        // The entries of a map come in any order; the turn makes the choice repeatable.
+        let nearest = known.min_by_key(|(distance, entry)| (*distance, std::cmp::Reverse(entry.turn)));
+        nearest.map(|(_, entry)| &entry.window)
     }
 
     /// Whether `stage` of `kind` was not measured lately.

@@ -38,4 +38,4 @@ pub use answer::{
 pub use cost::{Cost, CostModel};
 pub use ladder::{Ladder, Level};
 pub use scheduler::Scheduler;
-pub use spec::{ClientId, Config, JobSpec, Policy, Priority, Stage, StreamId, Ticket, Urgency, Work};
+pub use spec::{ClientId, Config, JobSpec, Kind, Policy, Priority, Stage, StreamId, Ticket, Urgency, Work};

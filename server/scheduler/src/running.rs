@@ -14,25 +14,40 @@ pub(crate) struct StageCosts {
     pub(crate) decode: Cost,
     pub(crate) rungs: [Cost; RUNGS],
     pub(crate) step: Cost,
-    /// Zero if there is no mesh to make.
-    pub(crate) mesh: Cost,
-    pub(crate) encode: Cost,
+    /// After each rung; zero if there is no mesh to make.
+    pub(crate) mesh: [Cost; RUNGS],
+    /// After each rung.
+    pub(crate) encode: [Cost; RUNGS],
 }
 
 impl StageCosts {
     pub(crate) fn rung(&self, index: u8) -> Cost {
-        self.rungs[usize::from(index).min(RUNGS - 1)]
+        self.rungs[at(index)]
+    }
+
+    pub(crate) fn mesh(&self, index: u8) -> Cost {
+        self.mesh[at(index)]
+    }
+
+    pub(crate) fn encode(&self, index: u8) -> Cost {
+        self.encode[at(index)]
     }
 
     /// Everything that must be done: without it there is no answer.
     pub(crate) fn mandatory(&self) -> Cost {
-        self.decode + self.rungs[0] + self.mesh + self.encode
+        self.full(1)
     }
 
-    /// The mandatory part and all `rungs`.
+    /// Everything, with `rungs` rungs.
     pub(crate) fn full(&self, rungs: u8) -> Cost {
-        self.mandatory() + (1..rungs).map(|index| self.rung(index)).sum()
+        let last = rungs.saturating_sub(1);
+        let matching: Cost = (0..=last).map(|index| self.rung(index)).sum();
+        self.decode + matching + self.mesh(last) + self.encode(last)
     }
+}
+
+fn at(index: u8) -> usize {
+    usize::from(index).min(RUNGS - 1)
 }
 
 /// Where in a job its worker is.
@@ -86,13 +101,23 @@ impl<K> Running<K> {
         self.carried + now.saturating_sub(self.stage_started)
     }
 
-    /// Mesh and encoding, as far as they can't be left out.
-    pub(crate) fn ending(&self) -> Cost {
+    /// The rung whose result there is.
+    pub(crate) fn reached(&self) -> u8 {
+        self.rungs_done.saturating_sub(1)
+    }
+
+    /// Mesh and encoding after the rung `index`, as far as they can't be left out.
+    pub(crate) fn ending_after(&self, index: u8) -> Cost {
         if self.is_mesh_optional {
-            self.costs.encode
+            self.costs.encode(index)
         } else {
-            self.costs.mesh + self.costs.encode
+            self.costs.mesh(index) + self.costs.encode(index)
         }
+    }
+
+    /// Mesh and encoding of what there is.
+    pub(crate) fn ending(&self) -> Cost {
+        self.ending_after(self.reached())
     }
 
     /// How long the worker is bound at least, if no further step is started.
@@ -102,15 +127,15 @@ impl<K> Running<K> {
             Phase::Decode => (costs.decode, costs.rungs[0].charge()),
             Phase::Base => (costs.rungs[0], Duration::ZERO),
             Phase::Refine => (costs.step, Duration::ZERO),
-            Phase::Mesh => (costs.mesh, Duration::ZERO),
-            Phase::Encode => (costs.encode, Duration::ZERO),
+            Phase::Mesh => (costs.mesh(self.reached()), Duration::ZERO),
+            Phase::Encode => (costs.encode(self.reached()), Duration::ZERO),
         };
         let ending = match self.phase {
             // A background job is put aside after the step.
             Phase::Refine if self.due.is_none() => Duration::ZERO,
             Phase::Decode | Phase::Base if self.due.is_none() => Duration::ZERO,
             Phase::Encode => Duration::ZERO,
-            Phase::Mesh => costs.encode.charge(),
+            Phase::Mesh => costs.encode(self.reached()).charge(),
             Phase::Decode | Phase::Base | Phase::Refine => self.ending().charge(),
         };
         remaining(present, now.saturating_sub(self.step_started)) + after + ending

@@ -1,7 +1,6 @@
 //! The state machine.
 
 use std::collections::{BTreeMap, HashMap};
-use std::hash::Hash;
 use std::time::Duration;
 
 use crate::answer::{Cancelled, DropReason, Dropped, Snapshot};
@@ -11,7 +10,9 @@ use crate::nanos::{duration, nanos};
 use crate::rate::Rate;
 use crate::running::{RUNGS, Running, StageCosts};
 use crate::shares::Shares;
-use crate::spec::{ClientId, Config, JobSpec, Policy, Priority, Stage, StreamId, Ticket, Urgency, Work};
+use crate::spec::{
+    ClientId, Config, JobSpec, Kind, Policy, Priority, Stage, StreamId, Ticket, Urgency, Work,
+};
 use crate::timeline::Timeline;
 
 mod admit;
@@ -32,13 +33,16 @@ mod run;
 #[derive(Debug)]
 pub struct Scheduler<K, J> {
     config: Config,
-    timeline: Timeline<Waiting<K, J>>,
+    /// Jobs with a deadline: those that wait, and those that lie aside and still need their ending.
+    timeline: Timeline<Item<K, J>>,
     background: BTreeMap<Ticket, Waiting<K, J>>,
     /// Virtual time of the background class.
     background_now: Duration,
     running: Vec<Option<Running<K>>>,
     /// Background jobs that were put aside, by worker.
     parked: Vec<Option<Running<K>>>,
+    /// Jobs with a deadline that were put aside for more urgent ones, by worker.
+    preempted: Vec<Option<Running<K>>>,
     costs: CostModel<K>,
     shares: Shares,
     ladder: Ladder,
@@ -54,6 +58,14 @@ pub struct Scheduler<K, J> {
     limbo: Vec<Dropped<J>>,
     arrivals: u64,
     now: Duration,
+}
+
+/// A job with a deadline that no worker is at.
+#[derive(Debug)]
+enum Item<K, J> {
+    Waiting(Waiting<K, J>),
+    /// It lies aside at this worker.
+    Aside(usize),
 }
 
 #[derive(Debug)]
@@ -77,7 +89,7 @@ struct Variant<K> {
     costs: StageCosts,
 }
 
-impl<K: Copy + Eq + Hash, J> Scheduler<K, J> {
+impl<K: Kind, J> Scheduler<K, J> {
     /// Idle and empty, and knows no costs.
     #[must_use]
     pub fn new(mut config: Config) -> Self {
@@ -89,6 +101,7 @@ impl<K: Copy + Eq + Hash, J> Scheduler<K, J> {
             background_now: Duration::ZERO,
             running: std::iter::repeat_with(|| None).take(config.workers).collect(),
             parked: std::iter::repeat_with(|| None).take(config.workers).collect(),
+            preempted: std::iter::repeat_with(|| None).take(config.workers).collect(),
             costs: CostModel::new(config.max_costs),
             #[expect(clippy::cast_precision_loss, reason = "nobody has 2^52 workers")]
             shares: Shares::new(config.max_clients, config.workers as f64),
@@ -110,8 +123,7 @@ impl<K: Copy + Eq + Hash, J> Scheduler<K, J> {
         if let Some(waiting) = self.take(ticket, true) {
             return Cancelled::Waiting(waiting.job);
         }
-        let mut at_work = self.running.iter_mut().chain(&mut self.parked).flatten();
-        match at_work.find(|running| running.ticket == ticket) {
+        match self.begun().find(|running| running.ticket == ticket) {
             Some(running) => {
                 running.is_cancelled = true;
                 Cancelled::Running
@@ -145,9 +157,9 @@ impl<K: Copy + Eq + Hash, J> Scheduler<K, J> {
         expiry.into_iter().chain(retry).min()
     }
 
-    /// A stage took `took`: for priming. Jobs that run are measured by the calls about them.
-    pub fn learn(&mut self, kind: K, stage: Stage, units: u32, took: Duration) {
-        self.costs.learn(self.now, kind, stage, units, took);
+    /// A stage took `took` for a dummy. It counts until the first job of its kind has been measured, by the calls about it.
+    pub fn prime(&mut self, kind: K, stage: Stage, units: u32, took: Duration) {
+        self.costs.prime(self.now, kind, stage, units, took);
     }
 
     /// What stages have cost so far.
@@ -161,7 +173,7 @@ impl<K: Copy + Eq + Hash, J> Scheduler<K, J> {
         self.see(now);
         let level = self.ladder.level(now);
         Snapshot {
-            waiting: self.timeline.len(),
+            waiting: self.waiting(),
             background_waiting: self.background.len() + self.parked.iter().flatten().count(),
             busy_workers: self.running.iter().flatten().count(),
             level,
@@ -184,6 +196,17 @@ impl<K: Copy + Eq + Hash, J> Scheduler<K, J> {
         u32::try_from(self.running.len()).unwrap_or(u32::MAX)
     }
 
+    /// Jobs that were started: at work or aside.
+    fn begun(&mut self) -> impl Iterator<Item = &mut Running<K>> {
+        let aside = self.parked.iter_mut().chain(&mut self.preempted);
+        self.running.iter_mut().chain(aside).flatten()
+    }
+
+    /// How many jobs with a deadline have not been started.
+    fn waiting(&self) -> usize {
+        self.timeline.len() - self.preempted.iter().flatten().count()
+    }
+
     /// Moves jobs that can't be in time any more out of the queue.
     fn sweep(&mut self, now: Duration) {
         if matches!(self.config.policy, Policy::Fifo) {
@@ -202,7 +225,7 @@ impl<K: Copy + Eq + Hash, J> Scheduler<K, J> {
 
     /// Takes a job out of the queue, wherever in it; `is_unserved` returns what it used of its client's share.
     fn take(&mut self, ticket: Ticket, is_unserved: bool) -> Option<Waiting<K, J>> {
-        let waiting = self.timeline.remove(ticket);
+        let waiting = self.remove(ticket);
         if let Some(waiting) = &waiting {
             let returned = if is_unserved { waiting.charged_s } else { 0.0 };
             self.shares.leave(waiting.spec.client, returned);
@@ -215,6 +238,17 @@ impl<K: Copy + Eq + Hash, J> Scheduler<K, J> {
             self.streams.remove(&stream);
         }
         Some(waiting)
+    }
+
+    /// Takes a job out of the timeline that has not been started.
+    fn remove(&mut self, ticket: Ticket) -> Option<Waiting<K, J>> {
+        if let Some(Item::Aside(_)) = self.timeline.get(ticket) {
+            return None;
+        }
+        match self.timeline.remove(ticket) {
+            Some(Item::Waiting(waiting)) => Some(waiting),
+            Some(Item::Aside(_)) | None => None,
+        }
     }
 
     /// Time until the workers that are busy are free, if none starts anything else, by the worker; `but` is not counted.
@@ -239,21 +273,18 @@ impl<K: Copy + Eq + Hash, J> Scheduler<K, J> {
     /// What the stages of `work` cost, as known now.
     fn stage_costs(&self, work: &Work<K>, has_mesh: bool) -> StageCosts {
         let cost = |kind, stage| self.costs.cost(kind, stage, work.units);
-        let mut rungs = [crate::cost::Cost::default(); RUNGS];
-        for (index, rung) in (0..work.rungs.max(1)).zip(&mut rungs) {
-            *rung = cost(work.matching, Stage::Rung(index));
-        }
-        StageCosts {
+        let mesh = work.mesh.filter(|_| has_mesh);
+        let mut costs = StageCosts {
             decode: cost(work.decode, Stage::Decode),
-            rungs,
             step: cost(work.matching, Stage::Step),
-            mesh: work
-                .mesh
-                .filter(|_| has_mesh)
-                .map(|kind| cost(kind, Stage::Mesh))
-                .unwrap_or_default(),
-            encode: cost(work.encode, Stage::Encode),
+            ..StageCosts::default()
+        };
+        for (rung, at) in (0..work.rungs.max(1)).zip(0..RUNGS) {
+            costs.rungs[at] = cost(work.matching, Stage::Rung(rung));
+            costs.encode[at] = cost(work.encode, Stage::Encode(rung));
+            costs.mesh[at] = mesh.map_or_else(Default::default, |kind| cost(kind, Stage::Mesh(rung)));
         }
+        costs
     }
 
     /// The ways to do a job, the best first, from what the ladder's level allows down to the cheapest the client allows.

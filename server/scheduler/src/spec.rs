@@ -63,6 +63,18 @@ pub enum Priority {
     High,
 }
 
+/// What a stage works on, as far as it makes a difference to its cost by the unit.
+pub trait Kind: Copy + Eq + std::hash::Hash {
+    /// How unlike the costs of two kinds are expected to be; `None` if one says nothing about the other. What was never measured is
+    /// predicted from the nearest kind that was.
+    fn distance(&self, other: &Self) -> Option<u32> {
+        (self == other).then_some(0)
+    }
+}
+
+/// Plain numbers, for simulations: unrelated to each other.
+impl Kind for u32 {}
+
 /// The stages of a job, by the kinds `K` under which their costs are known.
 ///
 /// Two jobs whose stage has equal kinds cost about the same for each unit. A kind may carry size class, codec, options.
@@ -91,10 +103,31 @@ pub enum Stage {
     Rung(u8),
     /// One step of a refining rung.
     Step,
-    /// The output mesh.
-    Mesh,
-    /// Result to bytes.
-    Encode,
+    /// The output mesh, after the rung of this index: a better map has a finer mesh.
+    Mesh(u8),
+    /// Result to bytes, after the rung of this index.
+    Encode(u8),
+    /// The bytes on their way to the client: no worker's time, but a part of the budget. Known by the kind of the encoding.
+    Reply,
+}
+
+impl Stage {
+    /// The same stage after or at another rung; `None` if it has nothing to do with rungs.
+    pub(crate) fn at_rung(self, rung: u8) -> Option<Self> {
+        match self {
+            Self::Decode | Self::Step | Self::Reply => None,
+            Self::Rung(_) => Some(Self::Rung(rung)),
+            Self::Mesh(_) => Some(Self::Mesh(rung)),
+            Self::Encode(_) => Some(Self::Encode(rung)),
+        }
+    }
+
+    pub(crate) fn rung(self) -> u8 {
+        match self {
+            Self::Decode | Self::Step | Self::Reply => 0,
+            Self::Rung(rung) | Self::Mesh(rung) | Self::Encode(rung) => rung,
+        }
+    }
 }
 
 /// How jobs are ordered, admitted and ended. All but [`Edf`](Self::Edf) are there to be compared with.

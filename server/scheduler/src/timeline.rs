@@ -21,6 +21,8 @@ pub(crate) const HEADROOMS: usize = 4;
 const NONE: u32 = u32::MAX;
 /// More slack than there ever is.
 const PLENTY: i64 = i64::MAX / 2;
+/// The last start of a job that has started, or that no policy gives up.
+pub(crate) const NEVER: i64 = PLENTY;
 
 /// The part of `moment` that counts at `headroom`.
 pub(crate) fn at_headroom(moment: i64, headroom: usize) -> i64 {
@@ -147,13 +149,17 @@ impl<T> Timeline<T> {
 
     /// What the tree knows of the time of a job.
     pub(crate) fn load(&self, key: Ticket) -> Option<Load> {
+        self.find(key).map(|node| node.load)
+    }
+
+    fn find(&self, key: Ticket) -> Option<&Node<T>> {
         let mut at = self.root;
         while at != NONE {
             let node = &self.nodes[at as usize];
             match key.cmp(&node.key) {
                 std::cmp::Ordering::Less => at = node.left,
                 std::cmp::Ordering::Greater => at = node.right,
-                std::cmp::Ordering::Equal => return Some(node.load),
+                std::cmp::Ordering::Equal => return Some(node),
             }
         }
         None
@@ -163,6 +169,26 @@ impl<T> Timeline<T> {
     pub(crate) fn first(&self) -> Option<Ticket> {
         let first = self.leftmost(self.root);
         (first != NONE).then(|| self.nodes[first as usize].key)
+    }
+
+    /// The job that is served next after `key`.
+    pub(crate) fn after(&self, key: Ticket) -> Option<Ticket> {
+        let (mut at, mut found) = (self.root, None);
+        while at != NONE {
+            let node = &self.nodes[at as usize];
+            if node.key > key {
+                found = Some(node.key);
+                at = node.left;
+            } else {
+                at = node.right;
+            }
+        }
+        found
+    }
+
+    /// The job of this key.
+    pub(crate) fn get(&self, key: Ticket) -> Option<&T> {
+        self.find(key).and_then(|node| node.item.as_ref())
     }
 
     /// A job that it makes no sense to start any more.
@@ -183,7 +209,9 @@ impl<T> Timeline<T> {
 
     /// The earliest moment after which [`hopeless`](Self::hopeless) finds one.
     pub(crate) fn earliest_last_start(&self) -> Option<i64> {
-        (self.root != NONE).then(|| self.nodes[self.root as usize].last_start)
+        (self.root != NONE)
+            .then(|| self.nodes[self.root as usize].last_start)
+            .filter(|&last| last < NEVER)
     }
 
     /// Work of all together.

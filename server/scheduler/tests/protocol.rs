@@ -7,6 +7,10 @@ use stereo_scheduler::{
     Scheduler, Stage, StopReason, StreamId, Submission, Ticket, Urgency, Verdict, Work,
 };
 
+#[cfg(test)]
+#[path = "protocol/aside.rs"]
+mod aside;
+
 const fn ms(ms: u64) -> Duration {
     Duration::from_millis(ms)
 }
@@ -26,10 +30,10 @@ fn primed(config: Config) -> Scheduler<u32, &'static str> {
                 (Stage::Rung(1), 5),
                 (Stage::Rung(2), 5),
                 (Stage::Step, 1),
-                (Stage::Mesh, 2),
-                (Stage::Encode, 1),
+                (Stage::Mesh(0), 2),
+                (Stage::Encode(0), 1),
             ] {
-                scheduler.learn(kind, stage, UNITS, ms(cost) * part / 4);
+                scheduler.prime(kind, stage, UNITS, ms(cost) * part / 4);
             }
         }
     }
@@ -135,7 +139,7 @@ fn rungs_are_run_while_they_end_before_the_deadline() {
     let mut scheduler = primed(Config::default());
     admitted(scheduler.submit(ms(0), due(22), "a"));
     let dispatch = started(scheduler.next(ms(0), 0));
-    assert_eq!((dispatch.plan.rungs, dispatch.plan.predicted), (3, ms(19)));
+    assert_eq!(dispatch.plan.rungs, 3);
     scheduler.decoded(ms(1), 0);
     assert_eq!(scheduler.rung_done(ms(11), 0, true), Verdict::Continue);
     assert_eq!(scheduler.step_done(ms(12), 0), Verdict::Continue);
@@ -155,9 +159,9 @@ fn rungs_are_run_while_they_end_before_the_deadline() {
 #[test]
 fn a_rung_is_not_started_if_others_were_promised_the_time() {
     let mut scheduler = primed(Config::default());
-    admitted(scheduler.submit(ms(0), due(60), "a"));
+    admitted(scheduler.submit(ms(0), due(30), "a"));
     started(scheduler.next(ms(0), 0));
-    admitted(scheduler.submit(ms(0), due(30), "b"));
+    admitted(scheduler.submit(ms(0), due(31), "b"));
     scheduler.decoded(ms(1), 0);
     let because = StopReason::Load;
     assert_eq!(
@@ -167,6 +171,42 @@ fn a_rung_is_not_started_if_others_were_promised_the_time() {
             because
         }
     );
+}
+
+#[test]
+fn a_better_map_has_a_dearer_ending_which_is_reckoned_with_before_the_rung() {
+    let mut scheduler = primed(Config::default());
+    scheduler.prime(FULL, Stage::Mesh(1), UNITS, ms(6));
+    // Promised is base with its mesh: 14 ms. The next rung is 5 ms, and 4 ms of mesh more.
+    admitted(scheduler.submit(ms(0), due(21), "a"));
+    started(scheduler.next(ms(0), 0));
+    scheduler.decoded(ms(1), 0);
+    let because = StopReason::Budget;
+    let stop = Verdict::Finish {
+        has_mesh: true,
+        because,
+    };
+    assert_eq!(scheduler.rung_done(ms(11), 0, true), stop);
+    scheduler.meshed(ms(13), 0);
+    assert_eq!(scheduler.expected(0), Some(ms(14)));
+}
+
+#[test]
+fn the_time_that_replies_take_is_left_of_the_budget() {
+    let mut scheduler = primed(Config::default());
+    assert_eq!(scheduler.assess(ms(0), &due(15)), Ok(()));
+    for _ in 0..64 {
+        scheduler.replied(ms(0), &due(15), ms(2));
+    }
+    let refused = scheduler.submit(ms(0), due(15), "a").outcome.unwrap_err();
+    let earliest = refused.refusal.earliest_feasible.unwrap();
+    assert!(earliest >= ms(16) && earliest < ms(18), "{earliest:?}");
+    admitted(scheduler.submit(ms(0), due(18), "b"));
+    // A quarter of the budget is the most that is left.
+    for _ in 0..64 {
+        scheduler.replied(ms(0), &due(15), ms(500));
+    }
+    assert_eq!(scheduler.assess(ms(0), &due(100)), Ok(()));
 }
 
 #[test]
@@ -271,7 +311,9 @@ fn a_background_job_steps_aside_between_steps_and_comes_back() {
     scheduler.rung_done(ms(23), 0, false);
     scheduler.meshed(ms(25), 0);
     scheduler.finished(ms(26), 0);
-    assert!(matches!(scheduler.next(ms(26), 0), Some(Next::Resume(ticket)) if ticket == batch));
+    assert!(
+        matches!(scheduler.next(ms(26), 0), Some(Next::Resume { ticket, verdict: Verdict::Continue }) if ticket == batch)
+    );
     assert_eq!(scheduler.rung_done(ms(30), 0, true), Verdict::Continue);
     let because = StopReason::Complete;
     assert_eq!(

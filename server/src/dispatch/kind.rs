@@ -62,6 +62,93 @@ pub(crate) enum Kind {
     },
 }
 
+impl stereo_scheduler::Kind for Kind {
+    fn distance(&self, other: &Self) -> Option<u32> {
+        let apart = |is_apart: bool, by: u32| if is_apart { by } else { 0 };
+        match (*self, *other) {
+            (
+                Self::Decode {
+                    codecs,
+                    size,
+                    is_half,
+                },
+                Self::Decode {
+                    codecs: other,
+                    size: other_size,
+                    is_half: other_half,
+                },
+            ) => Some(
+                codecs_apart(codecs, other) + size.abs_diff(other_size) + apart(is_half != other_half, 50),
+            ),
+            (
+                Self::Match {
+                    preset,
+                    is_dense,
+                    disparity_steps,
+                    roi,
+                    size,
+                    is_split,
+                },
+                Self::Match {
+                    preset: other_preset,
+                    is_dense: other_dense,
+                    disparity_steps: other_steps,
+                    roi: other_roi,
+                    size: other_size,
+                    is_split: other_split,
+                },
+            ) => Some(
+                apart(preset != other_preset, 1000)
+                    + apart(is_split != other_split, 100)
+                    + 10 * roi.abs_diff(other_roi)
+                    + apart(is_dense != other_dense, 10)
+                    + 2 * u32::from(disparity_steps.abs_diff(other_steps))
+                    + size.abs_diff(other_size),
+            ),
+            (
+                Self::Mesh { preset, roi, size },
+                Self::Mesh {
+                    preset: other_preset,
+                    roi: other_roi,
+                    size: other_size,
+                },
+            ) => Some(
+                apart(preset != other_preset, 100) + 10 * roi.abs_diff(other_roi) + size.abs_diff(other_size),
+            ),
+            (
+                Self::Encode {
+                    formats,
+                    result,
+                    size,
+                    is_half,
+                },
+                Self::Encode {
+                    formats: other_formats,
+                    result: other_result,
+                    size: other_size,
+                    is_half: other_half,
+                },
+            ) => Some(
+                1000 * (formats ^ other_formats).count_ones()
+                    + 50 * (result ^ other_result).count_ones()
+                    + apart(is_half != other_half, 20)
+                    + size.abs_diff(other_size),
+            ),
+            _ => None,
+        }
+    }
+}
+
+/// How unlike two pairs of encodings are to decode: compressed and raw images very much, PNG and JPEG a little.
+fn codecs_apart(one: u8, other: u8) -> u32 {
+    let image = |one: u8, other: u8| match (one, other) {
+        (one, other) if one == other => 0,
+        (0..=1, 2..) | (2.., 0..=1) => 1000,
+        _ => 100,
+    };
+    image(one / 4, other / 4) + image(one % 4, other % 4)
+}
+
 /// A request as the scheduler knows it; `time` turns moments into the scheduler's.
 pub(super) fn spec(request: &FrameRequest, weight: u32, time: impl Fn(Instant) -> Duration) -> JobSpec<Kind> {
     let is_stream = request.ids.sequence.is_some() && !request.ids.camera_id.is_empty();
@@ -235,9 +322,9 @@ fn can_be_halved(request: &FrameRequest) -> bool {
     request.options.allow_downscale && is_large(request.left.width_px) && is_large(request.left.height_px)
 }
 
-/// Logarithm to base 4 of the area: caches make large images dearer by the pixel.
+/// Logarithm of the area: caches make large images dearer by the pixel.
 pub(super) fn size_class(area_px: u32) -> u32 {
-    area_px.max(1).ilog2() / 2
+    area_px.max(1).ilog2()
 }
 
 fn roi_class(roi: Option<Roi>, image_px: u32) -> u32 {
@@ -309,6 +396,37 @@ mod tests {
         assert_ne!(alone.work.matching, split_one.work.matching);
         assert_ne!(alone.half.unwrap().matching, split_one.half.unwrap().matching);
         assert_eq!(alone.weight, 3);
+    }
+
+    #[test]
+    fn what_was_never_measured_is_predicted_from_what_is_most_like_it() {
+        use stereo_scheduler::Kind as _;
+        let decode = |left: ImageEncoding, right: ImageEncoding, side_px: u32| {
+            let mut request = dummy_request();
+            (request.left.encoding, request.right.encoding) = (left, right);
+            for image in [&mut request.left, &mut request.right] {
+                (image.width_px, image.height_px) = (side_px, side_px);
+            }
+            work(&request, false).decode
+        };
+        let (raw, png, jpeg) = (
+            ImageEncoding::Raw(PixelFormat::Mono8),
+            ImageEncoding::Png,
+            ImageEncoding::Jpeg,
+        );
+        let asked = decode(jpeg, jpeg, 2000);
+        let known = [
+            decode(raw, raw, 2000),
+            decode(png, raw, 2000),
+            decode(png, png, 640),
+        ];
+        let nearest = known.iter().min_by_key(|known| asked.distance(known));
+        assert_eq!(
+            nearest,
+            Some(&known[2]),
+            "files are unlike pixels, whatever their size"
+        );
+        assert_eq!(asked.distance(&work(&dummy_request(), false).encode), None);
     }
 
     #[test]

@@ -26,8 +26,8 @@ pub(crate) struct Seat {
 pub(crate) enum Task {
     /// A job from its start.
     Start(Taken<Arc<Job>>),
-    /// The background job that was put aside.
-    Resume(Ticket),
+    /// A job that was put aside, and what to do with it now.
+    Resume(Ticket, Verdict),
 }
 
 impl Seat {
@@ -66,12 +66,14 @@ impl Seat {
             slot.beat = now;
             let task = match next {
                 Some(Next::Start(taken)) => {
-                    slot.job = Some(Arc::clone(&taken.job));
+                    slot.job = Some((taken.ticket, Arc::clone(&taken.job)));
                     Some(Task::Start(taken))
                 }
-                Some(Next::Resume(ticket)) => {
-                    slot.job = slot.aside.take();
-                    Some(Task::Resume(ticket))
+                Some(Next::Resume { ticket, verdict }) => {
+                    let place = slot.aside.iter().position(|(aside, _)| *aside == ticket);
+                    slot.job = place.map(|place| slot.aside.swap_remove(place));
+                    let verdict = state.follow(self.index, verdict);
+                    Some(Task::Resume(ticket, verdict))
                 }
                 None => None,
             };
@@ -134,6 +136,14 @@ impl Seat {
         self.tell(|_, _| ())
     }
 
+    /// What the stages of the job that is being encoded were expected to take; zero if there is none.
+    pub(crate) fn expected(&self) -> Duration {
+        let state = self.dispatch.lock();
+        let is_ours = state.slots[self.index].generation == self.generation;
+        let expected = is_ours.then(|| state.scheduler.expected(self.index)).flatten();
+        expected.unwrap_or_default()
+    }
+
     /// The result is encoded: the worker is idle.
     pub(crate) fn finished(&self) -> Result<Option<Finished>, Replaced> {
         self.tell(|state, now| {
@@ -167,7 +177,7 @@ impl State {
     fn follow(&mut self, index: usize, verdict: Verdict) -> Verdict {
         let slot = &mut self.slots[index];
         match verdict {
-            Verdict::Yield => slot.aside = slot.job.take(),
+            Verdict::Yield => slot.aside.extend(slot.job.take()),
             Verdict::Abandon => slot.job = None,
             Verdict::Continue | Verdict::Finish { .. } => {}
         }

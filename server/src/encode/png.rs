@@ -16,6 +16,17 @@ pub(super) struct Picture {
     pub(super) depth: BitDepth,
 }
 
+/// A PNG file of gray pixels in rows without padding.
+pub(crate) fn gray_png(width_px: u32, height_px: u32, pixels: &[u8]) -> Result<Vec<u8>, ServiceError> {
+    let picture = Picture {
+        width_px: width_px as usize,
+        height_px: height_px as usize,
+        color: ColorType::Grayscale,
+        depth: BitDepth::Eight,
+    };
+    picture.write(pixels)
+}
+
 impl Picture {
     /// A PNG file of `pixels`: rows without padding, 16-bit values big endian.
     pub(super) fn write(self, pixels: &[u8]) -> Result<Vec<u8>, ServiceError> {

@@ -37,20 +37,29 @@ impl From<Replaced> for Stopped {
 pub(super) enum Guide<'a> {
     /// The scheduler.
     Seat(&'a Seat),
-    /// Nobody: the whole ladder is climbed and timed.
+    /// Nobody: a number of rungs is climbed and timed.
     Clock(&'a mut Clock),
 }
 
 /// Times the stages of a dummy frame.
 pub(super) struct Clock {
     last: Instant,
+    step: Instant,
+    /// How far to go.
+    rungs: u8,
+    /// The last rung finished, from 0.
+    reached: u8,
     pub(super) stages: Vec<(Stage, Duration)>,
 }
 
 impl Clock {
-    pub(super) fn new() -> Self {
+    pub(super) fn new(rungs: u8) -> Self {
+        let now = Instant::now();
         Self {
-            last: Instant::now(),
+            last: now,
+            step: now,
+            rungs,
+            reached: 0,
             stages: Vec::new(),
         }
     }
@@ -59,6 +68,7 @@ impl Clock {
         let now = Instant::now();
         let took = now - self.last;
         self.last = now;
+        self.step = now;
         took
     }
 }
@@ -80,16 +90,26 @@ impl Guide<'_> {
             Self::Seat(seat) => seat.rung_done(has_more),
             Self::Clock(clock) => {
                 let took = clock.lap();
-                clock.stages.push((Stage::Rung(rung - 1), took));
-                Ok(if has_more { Verdict::Continue } else { COMPLETE })
+                clock.reached = rung - 1;
+                clock.stages.push((Stage::Rung(clock.reached), took));
+                Ok(if has_more && rung < clock.rungs {
+                    Verdict::Continue
+                } else {
+                    COMPLETE
+                })
             }
         }
     }
 
-    fn step_done(&self) -> Result<Verdict, Replaced> {
+    fn step_done(&mut self) -> Result<Verdict, Replaced> {
         match self {
             Self::Seat(seat) => seat.step_done(),
-            Self::Clock(_) => Ok(Verdict::Continue),
+            Self::Clock(clock) => {
+                let took = clock.step.elapsed();
+                clock.step = Instant::now();
+                clock.stages.push((Stage::Step, took));
+                Ok(Verdict::Continue)
+            }
         }
     }
 
@@ -98,7 +118,7 @@ impl Guide<'_> {
             Self::Seat(seat) => seat.meshed(),
             Self::Clock(clock) => {
                 let took = clock.lap();
-                clock.stages.push((Stage::Mesh, took));
+                clock.stages.push((Stage::Mesh(clock.reached), took));
                 Ok(())
             }
         }
@@ -110,7 +130,7 @@ impl Guide<'_> {
             Self::Seat(seat) => seat.beat(),
             Self::Clock(clock) => {
                 let took = clock.lap();
-                clock.stages.push((Stage::Encode, took));
+                clock.stages.push((Stage::Encode(clock.reached), took));
                 Ok(())
             }
         }
@@ -140,36 +160,19 @@ pub(super) enum Top {
     Aside,
 }
 
-/// From where the frame is until it is told to stop, with the help of `join`. `has_mesh` as planned; `active` is how long the frame has
-/// been worked on before.
+/// From where the frame is until it is told to stop, first by `verdict`, with the help of `join`. `has_mesh` as planned; `active` is how
+/// long the frame has been worked on before.
 pub(super) fn climb(
     (rig, join): (&mut Rig, &dyn ForkJoin),
     job: &Job,
     height: &mut Height,
     guide: &mut Guide<'_>,
-    has_mesh: bool,
+    (mut verdict, has_mesh): (Verdict, bool),
     active: Duration,
 ) -> Result<Top, Stopped> {
     let started = Instant::now();
     let before = height.matched;
     loop {
-        let progress = rig.step(&job.request, height.quality.is_none(), join)?;
-        height.steps += 1;
-        height.matched = before + started.elapsed();
-        let reached = height.quality.map_or(0, |quality| quality.rung);
-        let verdict = match progress {
-            Progress::Working => guide.step_done()?,
-            Progress::Improved(quality) | Progress::Converged(quality) if quality.rung > reached => {
-                height.quality = Some(quality);
-                job.report_rung(quality);
-                guide.rung_done(quality.rung, matches!(progress, Progress::Improved(_)))?
-            }
-            // Nothing was left to do, which the scheduler could not know.
-            Progress::Improved(_) | Progress::Converged(_) => Verdict::Finish {
-                has_mesh,
-                because: StopReason::Complete,
-            },
-        };
         match verdict {
             Verdict::Finish { has_mesh, because } => return Ok(Top::Finish { has_mesh, because }),
             Verdict::Yield => return Ok(Top::Aside),
@@ -184,6 +187,23 @@ pub(super) fn climb(
             }
             Verdict::Continue => {}
         }
+        let progress = rig.step(&job.request, height.quality.is_none(), join)?;
+        height.steps += 1;
+        height.matched = before + started.elapsed();
+        let reached = height.quality.map_or(0, |quality| quality.rung);
+        verdict = match progress {
+            Progress::Working => guide.step_done()?,
+            Progress::Improved(quality) | Progress::Converged(quality) if quality.rung > reached => {
+                height.quality = Some(quality);
+                job.report_rung(quality);
+                guide.rung_done(quality.rung, matches!(progress, Progress::Improved(_)))?
+            }
+            // Nothing was left to do, which the scheduler could not know.
+            Progress::Improved(_) | Progress::Converged(_) => Verdict::Finish {
+                has_mesh,
+                because: StopReason::Complete,
+            },
+        };
     }
 }
 

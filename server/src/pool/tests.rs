@@ -252,10 +252,10 @@ fn a_background_frame_makes_room_and_goes_on_where_it_was() {
     let ended = bench.worker.process(&mut first, &bench.seat);
     settle(&mut bench.worker, first, &bench.seat, ended);
     assert!(wait(urgent).is_ok());
-    let Some(Task::Resume(ticket)) = bench.seat.take() else {
+    let Some(Task::Resume(ticket, verdict)) = bench.seat.take() else {
         panic!("the one that was laid aside is next");
     };
-    let mut again = bench.worker.pick_up(ticket).unwrap();
+    let mut again = bench.worker.pick_up(ticket, verdict).unwrap();
     let ended = bench.worker.process(&mut again, &bench.seat);
     settle(&mut bench.worker, again, &bench.seat, ended);
     assert_eq!(wait(outcome).unwrap().bodies, alone.bodies);

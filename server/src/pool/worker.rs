@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use bytes::Bytes;
 use stereo::{ForkJoin, Level, Preset, Serial, rung_names};
-use stereo_scheduler::{Dispatch as Taken, Plan, StopReason, Ticket};
+use stereo_scheduler::{Dispatch as Taken, Plan, StopReason, Ticket, Verdict};
 
 use super::Shared;
 use super::climb::{Guide, Height, Stopped, Top, climb};
@@ -21,10 +21,10 @@ pub(crate) struct Worker {
     level: Level,
     shared: Arc<Shared>,
     rig: Rig,
-    /// A background frame that makes room for one with a deadline, and its rig.
-    aside: Option<(Run, Rig)>,
-    /// A rig for frames with a deadline meanwhile, kept for the next time.
-    spare: Rig,
+    /// Frames that make room for more urgent ones, and their rigs: one of the background class at most, and one with a deadline.
+    aside: Vec<(Run, Rig)>,
+    /// Rigs for the other frames meanwhile, kept for the next time.
+    spare: Vec<Rig>,
 }
 
 /// A frame that a worker has taken.
@@ -37,6 +37,8 @@ pub(crate) struct Run {
     /// When its images were gray; `None` before that.
     decoded_at: Option<Instant>,
     height: Height,
+    /// What to do next.
+    verdict: Verdict,
     /// Since when it lies aside, and for how long it did before.
     aside_since: Option<Instant>,
     aside_for: Duration,
@@ -60,6 +62,7 @@ impl Run {
             taken_at: Instant::now(),
             decoded_at: None,
             height: Height::default(),
+            verdict: Verdict::Continue,
             aside_since: None,
             aside_for: Duration::ZERO,
         }
@@ -78,8 +81,8 @@ impl Worker {
             level,
             shared,
             rig: Rig::default(),
-            aside: None,
-            spare: Rig::default(),
+            aside: Vec::new(),
+            spare: Vec::new(),
         }
     }
 
@@ -99,6 +102,12 @@ impl Worker {
         &mut self.rig
     }
 
+    /// Puts the rig aside, and one of those in its place that frames with a deadline have while another lies aside.
+    pub(super) fn swap_rigs(&mut self) {
+        let spare = self.spare.pop().unwrap_or_default();
+        self.spare.push(std::mem::replace(&mut self.rig, spare));
+    }
+
     /// Forgets everything a panic may have left in disorder.
     pub(crate) fn rebuild(&mut self) {
         self.rig = Rig::default();
@@ -107,14 +116,16 @@ impl Worker {
     /// Lays a frame aside with its rig.
     pub(crate) fn put_aside(&mut self, mut run: Run) {
         run.aside_since = Some(Instant::now());
-        let rig = std::mem::replace(&mut self.rig, std::mem::take(&mut self.spare));
-        self.aside = Some((run, rig));
+        let rig = std::mem::replace(&mut self.rig, self.spare.pop().unwrap_or_default());
+        self.aside.push((run, rig));
     }
 
-    /// Takes the frame up again that lies aside.
-    pub(crate) fn pick_up(&mut self, ticket: Ticket) -> Option<Run> {
-        let (mut run, rig) = self.aside.take().filter(|(run, _)| run.ticket == ticket)?;
-        self.spare = std::mem::replace(&mut self.rig, rig);
+    /// Takes a frame up again that lies aside, to go on with `verdict`.
+    pub(crate) fn pick_up(&mut self, ticket: Ticket, verdict: Verdict) -> Option<Run> {
+        let place = self.aside.iter().position(|(run, _)| run.ticket == ticket)?;
+        let (mut run, rig) = self.aside.swap_remove(place);
+        self.spare.push(std::mem::replace(&mut self.rig, rig));
+        run.verdict = verdict;
         if let Some(since) = run.aside_since.take() {
             run.aside_for += since.elapsed();
         }
@@ -134,7 +145,7 @@ impl Worker {
             }
         };
         let active = run.active();
-        let has_mesh = run.plan.has_mesh;
+        let planned = (run.verdict, run.plan.has_mesh);
         let join: &dyn ForkJoin = match &self.shared.helpers {
             Some(helpers) if run.job.is_split => helpers,
             _ => &Serial,
@@ -144,7 +155,7 @@ impl Worker {
             &run.job,
             &mut run.height,
             &mut guide,
-            has_mesh,
+            planned,
             active,
         )?;
         let Top::Finish { has_mesh, because } = top else {
@@ -160,7 +171,7 @@ impl Worker {
             matched_at,
             meshed_at,
         };
-        let finish = || self.report(run, because, &times);
+        let finish = || self.report(run, because, &times, seat.expected());
         let (left_gray, map) = self.rig.result(request)?;
         let frame = MatchedFrame {
             request,
@@ -180,7 +191,7 @@ impl Worker {
         })))
     }
 
-    fn report(&self, run: &Run, because: StopReason, times: &Times) -> Report {
+    fn report(&self, run: &Run, because: StopReason, times: &Times, expected: Duration) -> Report {
         let now = Instant::now();
         let request = &run.job.request;
         let options = &request.options;
@@ -207,7 +218,7 @@ impl Worker {
             iterations_run: rung.into(),
             iterations_asked: asked.rungs.into(),
             rung: rung_name(options.params.preset, rung),
-            predicted_cost: run.plan.predicted,
+            predicted_cost: expected,
             actual_cost,
             deadline_met: match options.priority {
                 PriorityClass::Background => actual_cost <= options.latency_budget,

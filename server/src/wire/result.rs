@@ -31,7 +31,7 @@ pub fn result_body(frame: &MatchedFrame<'_>, finish: &dyn Fn() -> Report) -> Res
         points,
     } = parts;
     let ids = &frame.request.ids;
-    let mut result = v1::StereoResult {
+    let result = v1::StereoResult {
         request_id: ids.request_id.clone(),
         camera_id: ids.camera_id.clone(),
         sequence: ids.sequence,
@@ -44,10 +44,14 @@ pub fn result_body(frame: &MatchedFrame<'_>, finish: &dyn Fn() -> Report) -> Res
     };
     // Room for everything at once: the report is small beside the maps.
     let mut body = Vec::with_capacity(result.encoded_len() + 512);
-    result.report = Some(report::to_proto(&finish()));
-    result
-        .encode(&mut body)
-        .map_err(|why| ServiceError::Internal(format!("writing a result: {why}")))?;
+    let written = |why| ServiceError::Internal(format!("writing a result: {why}"));
+    result.encode(&mut body).map_err(written)?;
+    // The report is the last field, and messages that follow each other are one: it can be written when everything else is.
+    let rest = v1::StereoResult {
+        report: Some(report::to_proto(&finish())),
+        ..v1::StereoResult::default()
+    };
+    rest.encode(&mut body).map_err(written)?;
     Ok(body)
 }
 

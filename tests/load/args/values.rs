@@ -15,6 +15,34 @@ pub(crate) enum Suite {
     Overload,
 }
 
+/// A part of the suite.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, ValueEnum)]
+pub(crate) enum Part {
+    /// 0.8, 1, 2 and 4 times the capacity, with every policy.
+    Steady,
+    /// Five times the capacity for five seconds.
+    Burst,
+    /// One client at ten times its share.
+    Clients,
+    /// PNG pairs.
+    Png,
+    /// 4-megapixel pairs at eight times their capacity.
+    Large,
+}
+
+impl Part {
+    /// Its name on the command line and in files.
+    pub(crate) fn name(self) -> &'static str {
+        match self {
+            Self::Steady => "steady",
+            Self::Burst => "burst",
+            Self::Clients => "clients",
+            Self::Png => "png",
+            Self::Large => "large",
+        }
+    }
+}
+
 /// How images are sent.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(crate) enum Codec {

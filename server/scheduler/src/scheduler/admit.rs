@@ -1,14 +1,15 @@
 //! Admission: nothing is promised that can't be kept.
 
-use std::hash::Hash;
 use std::time::Duration;
 
 use super::places::Lifted;
-use super::{ClientId, JobSpec, Level, Priority, Scheduler, Ticket, Urgency, Variant, Variants, Waiting};
+use super::{
+    ClientId, JobSpec, Kind, Level, Priority, Scheduler, Ticket, Urgency, Variant, Variants, Waiting,
+};
 use crate::answer::{DropReason, Dropped, Reason, Refusal, Refused, Submission};
 use crate::nanos::nanos;
-use crate::spec::{Policy, Stage};
-use crate::timeline::Load;
+use crate::spec::{Policy, Stage, Work};
+use crate::timeline::{Load, NEVER};
 
 /// At most this many jobs without a promise are dropped for one with a promise.
 const DISPLACED: usize = 16;
@@ -26,25 +27,52 @@ struct Asking {
     key: Ticket,
 }
 
-impl<K: Copy + Eq + Hash, J> Scheduler<K, J> {
+impl<K: Kind, J> Scheduler<K, J> {
     /// Lets `job` wait for a worker, or says why not.
     ///
     /// A job of [`Priority::Normal`] or above is admitted only if it and everybody already promised will be in time, by what such
     /// jobs cost nearly always. If it doesn't fit, it is tried at half resolution and without its mesh, as the client allows; then
     /// jobs without a promise are dropped for it.
-    pub fn submit(&mut self, now: Duration, spec: JobSpec<K>, job: J) -> Submission<J> {
+    pub fn submit(&mut self, now: Duration, mut spec: JobSpec<K>, job: J) -> Submission<J> {
         self.see(now);
+        let reply = self.leave_time_to_reply(now, &mut spec);
         let Urgency::Deadline { at, priority } = spec.urgency else {
             return self.submit_background(now, spec, job);
         };
         self.sweep(now);
         let mut dropped = std::mem::take(&mut self.limbo);
-        let outcome = if self.is_edf() {
+        let mut outcome = if self.is_edf() {
             self.admit(now, at, priority, spec, job, &mut dropped)
         } else {
             self.enqueue(at, spec, job, &mut dropped)
         };
+        if let Err(refused) = &mut outcome {
+            refused.refusal = refused.refusal.after(reply);
+        }
         Submission { outcome, dropped }
+    }
+
+    /// The reply to a job like `spec` took `took` from its encoding until the transport had handed it over.
+    pub fn replied(&mut self, now: Duration, spec: &JobSpec<K>, took: Duration) {
+        self.see(now);
+        let Work { encode, units, .. } = spec.work;
+        self.costs.learn(now, encode, Stage::Reply, units, took);
+    }
+
+    /// Brings the deadline forward by what the reply takes, though by a quarter of the budget at most.
+    fn leave_time_to_reply(&self, now: Duration, spec: &mut JobSpec<K>) -> Duration {
+        let reply = self
+            .costs
+            .cost(spec.work.encode, Stage::Reply, spec.work.units)
+            .charge();
+        match &mut spec.urgency {
+            Urgency::Deadline { at, .. } if self.is_edf() => {
+                let reply = reply.min(at.saturating_sub(now) / 4);
+                *at -= reply;
+                reply
+            }
+            Urgency::Deadline { .. } | Urgency::Background => Duration::ZERO,
+        }
     }
 
     /// What [`submit`](Self::submit) would refuse now whatever the client's share: for turning a request away before its body is
@@ -53,6 +81,13 @@ impl<K: Copy + Eq + Hash, J> Scheduler<K, J> {
     /// # Errors
     /// The [`Refusal`].
     pub fn assess(&self, now: Duration, spec: &JobSpec<K>) -> Result<(), Refusal> {
+        let mut spec = *spec;
+        let reply = self.leave_time_to_reply(now, &mut spec);
+        self.would_admit(now, &spec)
+            .map_err(|refusal| refusal.after(reply))
+    }
+
+    fn would_admit(&self, now: Duration, spec: &JobSpec<K>) -> Result<(), Refusal> {
         let Urgency::Deadline { at, .. } = spec.urgency else {
             return Ok(());
         };
@@ -73,7 +108,7 @@ impl<K: Copy + Eq + Hash, J> Scheduler<K, J> {
             || self.is_stale(now, spec)
         {
             Ok(())
-        } else if self.timeline.len() >= self.config.capacity {
+        } else if self.waiting() >= self.config.capacity {
             refuse(Reason::QueueFull)
         } else {
             refuse(Reason::DeadlineInfeasible)
@@ -89,7 +124,7 @@ impl<K: Copy + Eq + Hash, J> Scheduler<K, J> {
         dropped: &mut Vec<Dropped<J>>,
     ) -> Result<Ticket, Refused<J>> {
         self.supersede(&spec, dropped);
-        if self.timeline.len() >= self.config.capacity {
+        if self.waiting() >= self.config.capacity {
             let refusal = Refusal {
                 reason: Reason::QueueFull,
                 earliest_feasible: None,
@@ -105,12 +140,12 @@ impl<K: Copy + Eq + Hash, J> Scheduler<K, J> {
             costs,
         };
         let last_start = match self.config.policy {
-            Policy::Fifo => i64::MAX / 2,
+            Policy::Fifo => NEVER,
             _ => nanos(due),
         };
         let load = Load {
             last_start,
-            ..self.load(due, &costs)
+            ..self.load(Duration::ZERO, due, &costs)
         };
         self.shares.admit(spec.client, 0.0);
         self.insert(
@@ -187,7 +222,7 @@ impl<K: Copy + Eq + Hash, J> Scheduler<K, J> {
                 && variants
                     .iter()
                     .any(|way| self.fits(now, due, asking.key, &way.costs, 0));
-            let (reason, within_s) = if self.timeline.len() >= self.config.capacity {
+            let (reason, within_s) = if self.waiting() >= self.config.capacity {
                 (Reason::QueueFull, 0.0)
             } else if only_share {
                 (Reason::Quota, allowance.within_s)
@@ -228,7 +263,7 @@ impl<K: Copy + Eq + Hash, J> Scheduler<K, J> {
             self.high.add(now, by_worker);
         }
         self.shares.admit(asking.client, charged_s);
-        let mut load = self.load(asking.due, &variant.costs);
+        let mut load = self.load(now, asking.due, &variant.costs);
         let cheapest = self.variants(&spec, Level::NoMesh);
         if is_probe {
             load.last_start = nanos(asking.due);
@@ -260,7 +295,7 @@ impl<K: Copy + Eq + Hash, J> Scheduler<K, J> {
     ) -> Option<Variant<K>> {
         let mut lifted: Vec<Lifted<K, J>> = Vec::new();
         loop {
-            let has_place = self.timeline.len() < self.config.capacity;
+            let has_place = self.waiting() < self.config.capacity;
             let found = variants
                 .iter()
                 .find(|way| has_place && self.fits(now, asking.due, asking.key, &way.costs, asking.headroom));
@@ -302,7 +337,7 @@ impl<K: Copy + Eq + Hash, J> Scheduler<K, J> {
             .as_ref()
             .map_or(full, |work| self.stage_costs(work, work.mesh.is_some()));
         let mesh_off = if spec.is_mesh_optional {
-            by_worker(half.mesh)
+            by_worker(half.mesh(0))
         } else {
             0.0
         };
@@ -365,9 +400,11 @@ impl<K: Copy + Eq + Hash, J> Scheduler<K, J> {
         let work = &spec.work;
         self.costs.forget(work.matching, Stage::Rung(0));
         self.costs.forget(work.decode, Stage::Decode);
-        self.costs.forget(work.encode, Stage::Encode);
-        if let Some(mesh) = work.mesh {
-            self.costs.forget(mesh, Stage::Mesh);
+        for rung in 0..work.rungs.max(1) {
+            self.costs.forget(work.encode, Stage::Encode(rung));
+            if let Some(mesh) = work.mesh {
+                self.costs.forget(mesh, Stage::Mesh(rung));
+            }
         }
     }
 }

@@ -1,9 +1,8 @@
 //! The background class: no deadline, and never in the way of one.
 
-use std::hash::Hash;
 use std::time::Duration;
 
-use super::{JobSpec, Level, Scheduler, Variant, Waiting};
+use super::{JobSpec, Kind, Level, Scheduler, Variant, Waiting};
 use crate::answer::{Reason, Refusal, Refused, Submission};
 use crate::spec::Ticket;
 
@@ -57,7 +56,7 @@ impl Tightest {
     }
 }
 
-impl<K: Copy + Eq + Hash, J> Scheduler<K, J> {
+impl<K: Kind, J> Scheduler<K, J> {
     pub(super) fn submit_background(&mut self, now: Duration, spec: JobSpec<K>, job: J) -> Submission<J> {
         let mut dropped = Vec::new();
         self.supersede(&spec, &mut dropped);

@@ -1,17 +1,18 @@
 //! The question of all admission: would everybody be in time?
 
-use std::hash::Hash;
 use std::time::Duration;
 
-use super::{Priority, Scheduler, StageCosts, Ticket, Variants};
+use super::{Kind, Level, Priority, Scheduler, StageCosts, Ticket, Variants};
 use crate::nanos::{duration, nanos};
 use crate::rate::Rate;
 use crate::timeline::{Load, at_headroom};
 
+/// Load by the mandatory part of everything up to which there is time for everybody.
+const CALM: f64 = 0.6;
 /// Steps of the search for the earliest deadline that can be promised.
 const SEARCH: usize = 16;
 
-impl<K: Copy + Eq + Hash, J> Scheduler<K, J> {
+impl<K: Kind, J> Scheduler<K, J> {
     /// Whether a job of these costs, due at `due`, and everybody after it would be in time, with `headroom` left to others.
     pub(super) fn fits(
         &self,
@@ -21,18 +22,25 @@ impl<K: Copy + Eq + Hash, J> Scheduler<K, J> {
         costs: &StageCosts,
         headroom: usize,
     ) -> bool {
-        let load = self.load(due, costs);
+        let load = self.load(now, due, costs);
         let found = self.timeline.probe(key);
         let start = at_headroom(nanos(now), headroom) + nanos(self.bound_share(now, None));
         let own = at_headroom(load.due, headroom) - load.tail - found.before;
         own >= start && found.after[headroom].saturating_sub(load.share) >= start
     }
 
-    pub(super) fn load(&self, due: Duration, costs: &StageCosts) -> Load {
+    /// What a job needs that is promised at `now`: what it takes nearly always; while there is time for everybody, what it is reckoned
+    /// with. A refusal is certain then to cost its client the answer, and nobody else would have the use of it.
+    pub(super) fn load(&self, now: Duration, due: Duration, costs: &StageCosts) -> Load {
         let mandatory = costs.mandatory();
+        let is_calm = self.ladder.load(now, Level::FewerRungs) < CALM;
         Load {
             due: nanos(due),
-            tail: nanos(mandatory.tail),
+            tail: nanos(if is_calm {
+                mandatory.charge()
+            } else {
+                mandatory.tail
+            }),
             share: nanos(mandatory.charge() / self.workers()),
             last_start: nanos(due) - nanos(mandatory.typical),
         }
@@ -71,7 +79,7 @@ impl<K: Copy + Eq + Hash, J> Scheduler<K, J> {
             .iter()
             .map(|way| way.costs)
             .min_by_key(|costs| costs.mandatory().charge())?;
-        let load = self.load(now, &cheapest);
+        let load = self.load(now, now, &cheapest);
         let start = nanos(now) + nanos(self.bound_share(now, None));
         // Behind everybody who could not spare the time.
         let behind = self.timeline.last_with_less_room_than(start + load.share);

@@ -1,16 +1,15 @@
 //! Places in the queue: who takes one, and who gives his up.
 
-use std::hash::Hash;
 use std::time::Duration;
 
-use super::{JobSpec, Priority, Scheduler, Ticket, Urgency, Waiting};
+use super::{Item, JobSpec, Kind, Priority, Scheduler, Ticket, Urgency, Waiting};
 use crate::answer::{DropReason, Dropped};
 use crate::timeline::Load;
 
 /// A job that is out of the queue for a moment.
 pub(super) type Lifted<K, J> = (Ticket, Load, Waiting<K, J>);
 
-impl<K: Copy + Eq + Hash, J> Scheduler<K, J> {
+impl<K: Kind, J> Scheduler<K, J> {
     /// Drops the waiting job of the same stream, and ends the refinement of the running one.
     pub(super) fn supersede(&mut self, spec: &JobSpec<K>, dropped: &mut Vec<Dropped<J>>) {
         let older = spec.stream.and_then(|stream| self.streams.get(&stream).copied());
@@ -28,8 +27,7 @@ impl<K: Copy + Eq + Hash, J> Scheduler<K, J> {
 
     pub(super) fn stop_older(&mut self, spec: &JobSpec<K>) {
         if spec.stream.is_some() {
-            let at_work = self.running.iter_mut().chain(&mut self.parked).flatten();
-            for running in at_work.filter(|running| running.stream == spec.stream) {
+            for running in self.begun().filter(|running| running.stream == spec.stream) {
                 running.is_superseded = true;
             }
         }
@@ -38,7 +36,7 @@ impl<K: Copy + Eq + Hash, J> Scheduler<K, J> {
     /// Takes a job out of the queue for a moment.
     pub(super) fn lift(&mut self, ticket: Ticket) -> Option<Lifted<K, J>> {
         let load = self.timeline.load(ticket)?;
-        let waiting = self.timeline.remove(ticket)?;
+        let waiting = self.remove(ticket)?;
         self.best_effort.remove(&ticket);
         if let Some(stream) = waiting.spec.stream {
             self.streams.remove(&stream);
@@ -60,7 +58,7 @@ impl<K: Copy + Eq + Hash, J> Scheduler<K, J> {
             self.best_effort.insert(key, ());
         }
         self.arrivals = self.arrivals.max(key.arrival + 1);
-        self.timeline.insert(key, load, waiting);
+        self.timeline.insert(key, load, Item::Waiting(waiting));
     }
 
     /// The key of a job that comes now.

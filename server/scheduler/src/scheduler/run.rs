@@ -1,14 +1,15 @@
 //! What a worker does next, and whether another step may start.
 
-use std::hash::Hash;
 use std::time::Duration;
 
-use super::{Policy, Running, Scheduler, Stage, Ticket, Urgency, Variant, Waiting};
+use super::{Item, Kind, Policy, Running, Scheduler, Stage, Ticket, Urgency, Variant, Waiting};
 use crate::answer::{Dispatch, DropReason, Dropped, Finished, Next, Plan, StopReason, Verdict};
 use crate::ladder::Level;
+use crate::nanos::{duration, nanos};
 use crate::running::Phase;
+use crate::timeline::{Load, NEVER};
 
-impl<K: Copy + Eq + Hash, J> Scheduler<K, J> {
+impl<K: Kind, J> Scheduler<K, J> {
     /// What `worker`, which is idle, does next: the job that is due first, or a background job if nobody else waits. Jobs that
     /// can't be in time any more are passed over; [`expire`](Self::expire) hands them out.
     pub fn next(&mut self, now: Duration, worker: usize) -> Option<Next<J>> {
@@ -18,9 +19,18 @@ impl<K: Copy + Eq + Hash, J> Scheduler<K, J> {
             return None;
         }
         self.running[worker] = None;
-        while let Some(ticket) = self.timeline.first()
-            && let Some(waiting) = self.take(ticket, false)
-        {
+        let mut next = self.timeline.first();
+        while let Some(ticket) = next {
+            if let Some(&Item::Aside(at)) = self.timeline.get(ticket) {
+                if at == worker {
+                    self.timeline.remove(ticket);
+                    let preempted = self.preempted[worker].take()?;
+                    return Some(self.resume(now, worker, preempted));
+                }
+                next = self.timeline.after(ticket);
+                continue;
+            }
+            let waiting = self.take(ticket, false)?;
             if self.can_start(now, &waiting) {
                 return Some(Next::Start(self.start(now, worker, ticket, waiting)));
             }
@@ -30,16 +40,24 @@ impl<K: Copy + Eq + Hash, J> Scheduler<K, J> {
                 job: waiting.job,
                 reason: DropReason::Expired,
             });
+            next = self.timeline.after(ticket);
         }
-        if let Some(mut parked) = self.parked[worker].take() {
-            let ticket = parked.ticket;
-            parked.stage_started = now;
-            parked.step_started = now;
-            self.running[worker] = Some(parked);
-            return Some(Next::Resume(ticket));
+        if let Some(parked) = self.parked[worker].take() {
+            return Some(self.resume(now, worker, parked));
         }
         let (ticket, waiting) = self.next_background(now, worker)?;
         Some(Next::Start(self.start(now, worker, ticket, waiting)))
+    }
+
+    /// Gives `worker` a job back that lay aside.
+    fn resume(&mut self, now: Duration, worker: usize, mut job: Running<K>) -> Next<J> {
+        let ticket = job.ticket;
+        let is_boundary = job.carried.is_zero();
+        job.stage_started = now;
+        job.step_started = now;
+        self.running[worker] = Some(job);
+        let verdict = self.go_on(now, worker, is_boundary);
+        Next::Resume { ticket, verdict }
     }
 
     /// `worker` has decoded its images.
@@ -90,21 +108,30 @@ impl<K: Copy + Eq + Hash, J> Scheduler<K, J> {
         let Some(running) = self.running.get_mut(worker).and_then(Option::as_mut) else {
             return;
         };
-        let took = running.end_stage(now, running.costs.mesh, Phase::Encode);
+        let rung = running.reached();
+        let took = running.end_stage(now, running.costs.mesh(rung), Phase::Encode);
         let Running { work, .. } = *running;
         if let Some(kind) = work.mesh {
-            self.costs.learn(now, kind, Stage::Mesh, work.units, took);
+            self.costs.learn(now, kind, Stage::Mesh(rung), work.units, took);
         }
+    }
+
+    /// What the stages of the job that `worker` encodes were expected to take, this last one included.
+    #[must_use]
+    pub fn expected(&self, worker: usize) -> Option<Duration> {
+        let running = self.running.get(worker)?.as_ref()?;
+        let encoding = running.costs.encode(running.reached());
+        (running.phase == Phase::Encode).then(|| running.predicted + encoding.typical)
     }
 
     /// `worker` has encoded its result and is idle. `None` if it had no job.
     pub fn finished(&mut self, now: Duration, worker: usize) -> Option<Finished> {
         self.see(now);
         let mut running = self.running.get_mut(worker)?.take()?;
-        let work = running.work;
-        let took = running.end_stage(now, running.costs.encode, Phase::Encode);
+        let (work, rung) = (running.work, running.reached());
+        let took = running.end_stage(now, running.costs.encode(rung), Phase::Encode);
         self.costs
-            .learn(now, work.encode, Stage::Encode, work.units, took);
+            .learn(now, work.encode, Stage::Encode(rung), work.units, took);
         Some(Finished {
             predicted: running.predicted,
             actual: running.actual,
@@ -122,8 +149,11 @@ impl<K: Copy + Eq + Hash, J> Scheduler<K, J> {
     /// `worker` was replaced: its job and the one it had put aside are gone.
     pub fn replaced(&mut self, now: Duration, worker: usize) {
         self.failed(now, worker);
-        if let Some(parked) = self.parked.get_mut(worker) {
-            *parked = None;
+        if worker < self.running.len() {
+            self.parked[worker] = None;
+            if let Some(preempted) = self.preempted[worker].take() {
+                self.timeline.remove(preempted.ticket);
+            }
         }
     }
 
@@ -158,14 +188,6 @@ impl<K: Copy + Eq + Hash, J> Scheduler<K, J> {
         }
         .max(1);
         let mandatory = variant.costs.mandatory();
-        let mut predicted = mandatory.typical;
-        for index in 1..variant.work.rungs {
-            let rung = variant.costs.rung(index);
-            if self.is_edf() && due.is_some_and(|due| now + predicted + rung.tail > due) {
-                break;
-            }
-            predicted += rung.typical;
-        }
         self.running[worker] = Some(Running {
             ticket,
             stream: spec.stream,
@@ -191,11 +213,10 @@ impl<K: Copy + Eq + Hash, J> Scheduler<K, J> {
                 is_half: variant.is_half,
                 has_mesh: variant.has_mesh,
                 rungs: variant.work.rungs,
-                predicted,
                 mandatory_tail: mandatory.tail,
                 level,
             },
-            waiting: self.timeline.len() + self.background.len(),
+            waiting: self.waiting() + self.background.len(),
         }
     }
 
@@ -239,16 +260,21 @@ impl<K: Copy + Eq + Hash, J> Scheduler<K, J> {
             return self.yield_or_continue(now, worker);
         };
         let rung = running.costs.rung(running.rungs_done);
+        // What has to follow if this rung is finished, too.
+        let ending = running.ending_after(running.rungs_done);
         let step = running.costs.step.tail;
         let rest = if is_boundary {
             rung.tail
         } else {
             rung.typical.saturating_sub(running.stage_took(now)).max(step)
         };
-        if now + rest + running.ending().tail > due {
+        if now + rest + ending.tail > due {
             return self.finish(now, worker, StopReason::Budget);
         }
         if self.timeline.len() > 0 {
+            if self.makes_way(now, worker, due, rest) {
+                return self.put_aside(now, worker, due);
+            }
             // To start a rung, those who wait and those who come must be able to spare all of it. To go on with one, so that what
             // was done is not wasted, those who were promised an answer must be able to spare the next step.
             let (headroom, work) = if is_boundary {
@@ -256,8 +282,7 @@ impl<K: Copy + Eq + Hash, J> Scheduler<K, J> {
             } else {
                 (0, step)
             };
-            let bound =
-                self.bound_share(now, Some(worker)) + (work + running.ending().charge()) / self.workers();
+            let bound = self.bound_share(now, Some(worker)) + (work + ending.charge()) / self.workers();
             if self.least_slack(now, headroom, bound) < 0 {
                 return self.finish(now, worker, StopReason::Load);
             }
@@ -265,8 +290,43 @@ impl<K: Copy + Eq + Hash, J> Scheduler<K, J> {
         Verdict::Continue
     }
 
+    /// Whether a job that is due at `due`, with `rest` left of its rung, is put aside: one that is due earlier would lose rungs to it, and
+    /// there will still be time for this one behind everybody who is due earlier.
+    fn makes_way(&self, now: Duration, worker: usize, due: Duration, rest: Duration) -> bool {
+        let Some(running) = self.running[worker].as_ref() else {
+            return false;
+        };
+        let first = self.timeline.first().filter(|&first| first < running.ticket);
+        let first = first.and_then(|first| Some((first.order, self.timeline.get(first)?)));
+        let (Some((first_due, Item::Waiting(first))), None) = (first, &self.preempted[worker]) else {
+            return false;
+        };
+        let ending = running.ending_after(running.rungs_done);
+        let wanted = first.variant.costs.full(first.spec.work.rungs).charge();
+        let is_pressed = now + rest + ending.charge() + wanted > first_due;
+        let before = duration(self.timeline.probe(running.ticket).before);
+        is_pressed && now + before + rest + ending.tail <= due
+    }
+
+    fn put_aside(&mut self, now: Duration, worker: usize, due: Duration) -> Verdict {
+        let Some(mut running) = self.running[worker].take() else {
+            return Verdict::Abandon;
+        };
+        running.carried = running.stage_took(now);
+        let ending = running.ending();
+        let load = Load {
+            due: nanos(due),
+            tail: nanos(ending.tail),
+            share: nanos(ending.charge() / self.workers()),
+            last_start: NEVER,
+        };
+        self.timeline.insert(running.ticket, load, Item::Aside(worker));
+        self.preempted[worker] = Some(running);
+        Verdict::Yield
+    }
+
     fn yield_or_continue(&mut self, now: Duration, worker: usize) -> Verdict {
-        if self.timeline.len() == 0 {
+        if self.waiting() == 0 {
             return Verdict::Continue;
         }
         if let Some(mut running) = self.running[worker].take() {
@@ -286,7 +346,8 @@ impl<K: Copy + Eq + Hash, J> Scheduler<K, J> {
             self.running[worker] = None;
             return Verdict::Abandon;
         }
-        let with_mesh = now + running.costs.mesh.tail + running.costs.encode.tail;
+        let rung = running.reached();
+        let with_mesh = now + running.costs.mesh(rung).tail + running.costs.encode(rung).tail;
         let is_late = is_edf && running.due.is_some_and(|due| with_mesh > due);
         let has_mesh = running.has_mesh && !(running.is_mesh_optional && is_late);
         // What was begun of a rung counts as work of this job, though not as a measure of the rung.

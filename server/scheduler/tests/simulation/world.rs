@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use stereo_scheduler::{
     ClientId, Config, DropReason, Dropped, JobSpec, Next, Priority, Reason, Scheduler, Stage, StopReason,
-    StreamId, Urgency, Verdict, Work,
+    StreamId, Ticket, Urgency, Verdict, Work,
 };
 
 use super::dice::Dice;
@@ -41,6 +41,7 @@ enum Doing {
 /// A worker's job, and what it does at the moment.
 #[derive(Debug, Clone)]
 struct AtWork {
+    ticket: Ticket,
     request: usize,
     rungs: u8,
     scale: f64,
@@ -72,7 +73,7 @@ impl World {
             requests,
             outcomes: vec![None; requests.len()],
             workers: vec![None; self.config.workers],
-            aside: vec![None; self.config.workers],
+            aside: vec![Vec::new(); self.config.workers],
             events: BinaryHeap::new(),
             wakeup: None,
         };
@@ -97,12 +98,12 @@ impl World {
             let frame = self.costs.draw(dice);
             for (kind, scale) in [(FULL, 1.0), (HALF, 0.25)] {
                 let took = |time: Duration| time.mul_f64(scale);
-                scheduler.learn(kind, Stage::Decode, UNITS, took(frame.decode));
-                scheduler.learn(kind, Stage::Encode, UNITS, took(frame.encode));
+                scheduler.prime(kind, Stage::Decode, UNITS, took(frame.decode));
+                scheduler.prime(kind, Stage::Encode(0), UNITS, took(frame.encode));
                 for (index, &rung) in (0..).zip(&frame.rungs) {
-                    scheduler.learn(kind, Stage::Rung(index), UNITS, took(rung));
+                    scheduler.prime(kind, Stage::Rung(index), UNITS, took(rung));
                 }
-                scheduler.learn(
+                scheduler.prime(
                     kind,
                     Stage::Step,
                     UNITS,
@@ -145,7 +146,7 @@ struct Run<'a> {
     requests: &'a [Request],
     outcomes: Vec<Option<Outcome>>,
     workers: Vec<Option<AtWork>>,
-    aside: Vec<Option<AtWork>>,
+    aside: Vec<Vec<AtWork>>,
     events: BinaryHeap<Reverse<(Duration, Event)>>,
     wakeup: Option<Duration>,
 }
@@ -200,15 +201,18 @@ impl Run<'_> {
             }
             match self.scheduler.next(now, worker) {
                 None => {}
-                Some(Next::Resume(_)) => {
-                    self.workers[worker] = self.aside[worker].take();
-                    self.start_step(now, worker);
+                Some(Next::Resume { ticket, verdict }) => {
+                    let aside = &mut self.aside[worker];
+                    let place = aside.iter().position(|at_work| at_work.ticket == ticket);
+                    self.workers[worker] = Some(aside.swap_remove(place.expect("it lies aside")));
+                    self.follow(now, worker, verdict);
                 }
                 Some(Next::Start(dispatch)) => {
                     let request = &self.requests[dispatch.job];
                     let scale = if dispatch.plan.is_half { 0.25 } else { 1.0 };
                     self.never_starts_what_it_cannot_finish(now, request, dispatch.plan.is_half);
                     self.workers[worker] = Some(AtWork {
+                        ticket: dispatch.ticket,
                         request: dispatch.job,
                         rungs: dispatch.plan.rungs,
                         scale,
@@ -236,7 +240,7 @@ impl Run<'_> {
         }
         let kind = if is_half { HALF } else { FULL };
         let cost = |stage| self.scheduler.costs().cost(kind, stage, UNITS).typical;
-        let typical = cost(Stage::Decode) + cost(Stage::Rung(0)) + cost(Stage::Encode);
+        let typical = cost(Stage::Decode) + cost(Stage::Rung(0)) + cost(Stage::Encode(0));
         assert!(
             request.deadline.is_none_or(|due| now + typical <= due),
             "started at {now:?} what takes {typical:?} and is due at {:?}",
@@ -268,17 +272,7 @@ impl Run<'_> {
                 } else {
                     self.scheduler.step_done(now, worker)
                 };
-                match verdict {
-                    Verdict::Continue => self.start_step(now, worker),
-                    Verdict::Yield => self.aside[worker] = self.workers[worker].take(),
-                    Verdict::Finish { because, .. } => {
-                        assert!(because != StopReason::Complete || at_work.rungs_done == at_work.rungs);
-                        at_work.doing = Doing::Encode;
-                        let encode = frame.encode.mul_f64(at_work.scale);
-                        self.events.push(Reverse((now + encode, Event::Worker(worker))));
-                    }
-                    Verdict::Abandon => unreachable!("nobody cancels here"),
-                }
+                self.follow(now, worker, verdict);
             }
             Doing::Encode => {
                 let finished = self.scheduler.finished(now, worker).expect("it had a job");
@@ -293,6 +287,26 @@ impl Run<'_> {
                     },
                 );
             }
+        }
+    }
+
+    fn follow(&mut self, now: Duration, worker: usize, verdict: Verdict) {
+        let at_work = self.workers[worker].as_mut().expect("it works");
+        match verdict {
+            Verdict::Continue => self.start_step(now, worker),
+            Verdict::Yield => {
+                let at_work = self.workers[worker].take().expect("it works");
+                self.aside[worker].push(at_work);
+                assert!(self.aside[worker].len() <= 2, "one of each class");
+            }
+            Verdict::Finish { because, .. } => {
+                assert!(because != StopReason::Complete || at_work.rungs_done == at_work.rungs);
+                at_work.doing = Doing::Encode;
+                let frame = &self.requests[at_work.request].frame;
+                let encode = frame.encode.mul_f64(at_work.scale);
+                self.events.push(Reverse((now + encode, Event::Worker(worker))));
+            }
+            Verdict::Abandon => unreachable!("nobody cancels here"),
         }
     }
 

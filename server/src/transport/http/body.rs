@@ -153,14 +153,21 @@ impl BodyLimits {
         })
     }
 
-    /// A reply's body, counted as in flight until the client has taken it or gone.
+    /// A reply's body, counted as in flight until the client has taken it or gone. `on_sent` is called with its size when all of it has been
+    /// handed to the connection.
     ///
     /// # Errors
     /// No room for it among the others.
-    pub(super) fn reply(&self, bytes: Bytes) -> Result<Body, ServiceError> {
+    pub(super) fn reply(
+        &self,
+        bytes: Bytes,
+        on_sent: impl Fn(usize) + Send + Sync + 'static,
+    ) -> Result<Body, ServiceError> {
         let share = self.reserve(bytes.len())?;
         Ok(Body::new(Reply {
+            bytes: bytes.len(),
             rest: bytes,
+            on_sent: Some(Box::new(on_sent)),
             _share: share,
         }))
     }
@@ -192,6 +199,9 @@ impl BodyLimits {
 /// A reply on its way. It is handed over in pieces, so that it lives (and is counted) while the client takes them.
 struct Reply {
     rest: Bytes,
+    bytes: usize,
+    /// Told the size.
+    on_sent: Option<Box<dyn Fn(usize) + Send + Sync>>,
     /// Held for its drop.
     _share: OwnedSemaphorePermit,
 }
@@ -206,6 +216,11 @@ impl HttpBody for Reply {
     ) -> Poll<Option<Result<Frame<Bytes>, Infallible>>> {
         let count = self.rest.len().min(PIECE);
         let piece = self.rest.split_to(count);
+        if self.rest.is_empty()
+            && let Some(on_sent) = self.on_sent.take()
+        {
+            on_sent(self.bytes);
+        }
         Poll::Ready((count > 0).then_some(Ok(Frame::data(piece))))
     }
 

@@ -30,6 +30,10 @@ const SERVER_TIMING: HeaderName = HeaderName::from_static("server-timing");
 const CONTENT_TYPES: &str =
     "multipart/form-data with the parts left, right and options, or application/x-protobuf";
 
+/// Replies that are slower than this have a slow reader.
+const SLOWEST_START: Duration = Duration::from_millis(2);
+const SLOWEST_NS_BY_BYTE: u64 = 5;
+
 /// What the head of a request says.
 struct Head {
     reply: Reply,
@@ -64,12 +68,23 @@ pub(super) async fn post(
         }
     };
     let named = |error| Refusal::of(error, request_id.clone());
+    let spec = http.service.spec(&frame);
     let finished = http.service.submit(frame).await.map_err(named)?;
+    let encoded_at = received_at + finished.report.total;
+    let service = Arc::clone(&http.service);
+    let on_sent = move |bytes: usize| {
+        let took = encoded_at.elapsed();
+        // A reply that takes longer says something about its client, which must not make the others' budgets shorter.
+        if took <= SLOWEST_START + Duration::from_nanos(SLOWEST_NS_BY_BYTE.saturating_mul(bytes as u64)) {
+            service.replied(&spec, took);
+        }
+    };
     // The pixels were slices of the request's body; from here on the reply's takes its place.
     drop(share);
     let body = finished.bodies.into_iter().next();
     let body = body.ok_or_else(|| ServiceError::Internal("a reply without a body".to_owned()));
-    let body = body.and_then(|body| http.bodies.reply(body)).map_err(|error| {
+    let body = body.and_then(|body| http.bodies.reply(body, on_sent));
+    let body = body.map_err(|error| {
         http.service.count_unsent(&error);
         named(error)
     })?;

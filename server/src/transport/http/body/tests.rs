@@ -66,15 +66,15 @@ async fn a_reply_is_whole_and_counts_until_it_is_taken() {
     let limits = limits(1 << 20, 1 << 20, LONG);
     let bytes = Bytes::from(vec![7; (1 << 20) - 1]);
     let reply = limits
-        .reply(bytes.clone())
+        .reply(bytes.clone(), |_| ())
         .unwrap_or_else(|error| panic!("{error}"));
     assert_eq!(reply.size_hint().exact(), Some(bytes.len() as u64));
     assert!(matches!(
-        limits.reply(bytes.clone()),
+        limits.reply(bytes.clone(), |_| ()),
         Err(ServiceError::BytesInFlight { .. })
     ));
     assert_eq!(reply.collect().await.unwrap().to_bytes(), bytes);
-    assert!(limits.reply(bytes).is_ok());
+    assert!(limits.reply(bytes, |_| ()).is_ok());
 }
 
 #[tokio::test]
