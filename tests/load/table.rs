@@ -190,6 +190,7 @@ pub(crate) mod tests {
     use std::time::Duration;
 
     use super::{Further, Row, Table};
+    use crate::args::Part;
     use crate::figures::Figures;
     use crate::generator::Run;
     use crate::plan::Shot;

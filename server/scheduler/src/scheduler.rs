@@ -62,6 +62,10 @@ pub struct Scheduler<K, J> {
 
 /// A job with a deadline that no worker is at.
 #[derive(Debug)]
+#[expect(
+    clippy::large_enum_variant,
+    reason = "nearly all of them wait, and a box would be an allocation for each"
+)]
 enum Item<K, J> {
     Waiting(Waiting<K, J>),
     /// It lies aside at this worker.

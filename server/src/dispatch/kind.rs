@@ -106,14 +106,23 @@ impl stereo_scheduler::Kind for Kind {
                     + size.abs_diff(other_size),
             ),
             (
-                Self::Mesh { preset, roi, size },
+                Self::Mesh {
+                    preset,
+                    roi,
+                    size,
+                    budget,
+                },
                 Self::Mesh {
                     preset: other_preset,
                     roi: other_roi,
                     size: other_size,
+                    budget: other_budget,
                 },
             ) => Some(
-                apart(preset != other_preset, 100) + 10 * roi.abs_diff(other_roi) + size.abs_diff(other_size),
+                apart(preset != other_preset, 100)
+                    + 10 * roi.abs_diff(other_roi)
+                    + 5 * budget.abs_diff(other_budget)
+                    + size.abs_diff(other_size),
             ),
             (
                 Self::Encode {
