@@ -1,6 +1,6 @@
 # Short names for plain commands; nothing is done here that can't be typed.
 
-.PHONY: demo test lint fmt figures eval stages load
+.PHONY: demo test test-python lint lint-python fmt figures eval stages load
 
 # A real pair through a real server; writes out/.
 demo:
@@ -10,13 +10,25 @@ demo:
 test:
 	cargo test --release --workspace
 	python3 -m py_compile tests/eval/peers.py
+	$(MAKE) test-python
 
-lint:
+# The Python client's tests, against the release binary.
+test-python: target/venv-python/ready
+	cargo build --release --workspace --bin stereod
+	cd clients/python && ../../target/venv-python/bin/python -m pytest --quiet $(ARGS)
+
+lint: lint-python
 	cargo fmt --all -- --check
 	cargo clippy --release --workspace --all-targets -- -D warnings
 
-fmt:
+# Style and types of the Python client.
+lint-python: target/venv-python/ready
+	cd clients/python && ../../target/venv-python/bin/ruff format --quiet --check && ../../target/venv-python/bin/ruff check --quiet
+	cd clients/python && ../../target/venv-python/bin/mypy --no-error-summary
+
+fmt: target/venv-python/ready
 	cargo fmt --all
+	cd clients/python && ../../target/venv-python/bin/ruff format --quiet
 
 # Every figure of the README and of tests/eval/FIGURES.md, measured anew.
 figures: target/venv/ready
@@ -43,4 +55,9 @@ load:
 target/venv/ready:
 	python3 -m venv target/venv
 	target/venv/bin/python -m pip install --quiet --disable-pip-version-check opencv-python-headless==5.0.0.93
+	touch $@
+
+target/venv-python/ready: clients/python/pyproject.toml
+	python3 -m venv target/venv-python
+	target/venv-python/bin/python -m pip install --quiet --disable-pip-version-check --editable 'clients/python[test]'
 	touch $@

@@ -1,4 +1,4 @@
-//! Keeps `src/gen` equal to what the `.proto` files say.
+//! Keeps `src/gen`, and the Python client's copy of the descriptor set, equal to what the `.proto` files say.
 
 use std::error::Error;
 use std::fs;
@@ -6,23 +6,31 @@ use std::path::{Path, PathBuf};
 
 use prost::Message;
 
-/// Rewrites `src/gen` and fails if it was stale: the next run passes.
+/// The descriptor set, here and in the Python package.
+const DESCRIPTOR_SET: &str = "stereo.v1.binpb";
+const PYTHON_PACKAGE: &str = "../clients/python/src/stereo_client";
+
+/// Rewrites what was stale and fails: the next run passes.
 #[test]
 fn generated_code_is_what_the_proto_files_say() -> Result<(), Box<dyn Error>> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let fresh = generate(root)?;
     let mut stale = Vec::new();
-    for (name, content) in &fresh {
-        let path = root.join("src/gen").join(name);
-        if fs::read(&path).ok().as_ref() != Some(content) {
-            fs::create_dir_all(root.join("src/gen"))?;
-            fs::write(&path, content)?;
-            stale.push(name);
+    for (name, content) in generate(root)? {
+        let mut places = vec![root.join("src/gen").join(&name)];
+        if name == DESCRIPTOR_SET {
+            places.push(root.join(PYTHON_PACKAGE).join(&name));
+        }
+        for path in places {
+            if fs::read(&path).ok().as_ref() != Some(&content) {
+                fs::create_dir_all(path.parent().unwrap_or(root))?;
+                fs::write(&path, &content)?;
+                stale.push(path);
+            }
         }
     }
     assert!(
         stale.is_empty(),
-        "src/gen was stale and has been rewritten ({stale:?}): run again and commit it"
+        "generated files were stale and have been rewritten ({stale:?}): run again and commit them"
     );
     Ok(())
 }
@@ -44,10 +52,7 @@ fn generate(root: &Path) -> Result<Files, Box<dyn Error>> {
         .open_files(sources)?;
     let descriptors = compiler.file_descriptor_set();
 
-    let mut files = vec![(
-        "stereo.v1.binpb".to_owned(),
-        compiler.encode_file_descriptor_set(),
-    )];
+    let mut files = vec![(DESCRIPTOR_SET.to_owned(), compiler.encode_file_descriptor_set())];
     let modules = descriptors
         .file
         .into_iter()

@@ -1,0 +1,106 @@
+"""The client for everybody else: the same methods without `await`."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from typing import TYPE_CHECKING, Any
+
+from ._background import Background
+from .aio import AsyncClient
+from .batch import Outcome, Pairs, pair_message
+from .errors import StereoError
+from .images import ImageLike
+from .result import Result
+
+if TYPE_CHECKING:
+    from collections.abc import Coroutine
+    from types import TracebackType
+    from typing import TypeVar
+
+    from typing_extensions import Self, Unpack
+
+    from .options import MatchOptions
+
+    T = TypeVar("T")
+
+
+class Client:
+    """Talks to a server over HTTP, or to all servers of a Zenoh network. Usable from several threads; connections are kept.
+
+    Parameters
+    ----------
+    url : str
+        `http://host:port` for one server.
+    timeout_s : float
+        How long a whole exchange may take before `NoAnswerError` is raised. Default 120.
+
+    Examples
+    --------
+    >>> with Client("http://127.0.0.1:8080") as client:  # doctest: +SKIP
+    ...     result = client.match("left.png", "right.png", budget_ms=80)
+    >>> result.disparity  # doctest: +SKIP
+    """
+
+    def __init__(self, url: str, *, timeout_s: float = 120.0) -> None:
+        self._async = AsyncClient(url, timeout_s=timeout_s)
+        self._background = Background()
+
+    @property
+    def url(self) -> str:
+        """The address that was given."""
+        return self._async.url
+
+    def match(self, left: ImageLike, right: ImageLike, **options: Unpack[MatchOptions]) -> Result:
+        """Match one pair; see `AsyncClient.match`."""
+        return self._run(self._async.send(pair_message(left, right, options)))
+
+    def match_anytime(
+        self, left: ImageLike, right: ImageLike, **options: Unpack[MatchOptions]
+    ) -> Generator[Result, None, None]:
+        """Match one pair and yield results as they get better; see `AsyncClient.match_anytime`."""
+        self._check_open()
+        return self._background.iterate(self._async.match_anytime(left, right, **options))
+
+    def match_many(self, pairs: Pairs, **options: Unpack[MatchOptions]) -> Generator[Outcome, None, None]:
+        """Match any number of pairs in constant memory, as background work; see `AsyncClient.match_many`.
+
+        Nothing is sent before the first outcome is asked for; breaking out of the loop cancels what is left.
+        """
+        self._check_open()
+        return self._background.iterate(self._async.match_many(pairs, **options))
+
+    def send(self, request: Any) -> Result:
+        """Match a `stereo.v1.StereoRequest` that was made elsewhere."""
+        return self._run(self._async.send(request))
+
+    def info(self) -> dict[str, Any]:
+        """Return what the server says about itself: version, limits, presets and their rungs. Over HTTP."""
+        return self._run(self._async.info())
+
+    def wait_ready(self, timeout_s: float = 30.0) -> None:
+        """Wait until the server takes frames. Over HTTP."""
+        self._run(self._async.wait_ready(timeout_s))
+
+    def close(self) -> None:
+        """Close the connections; what is under way ends with an error."""
+        if not self._background.is_stopped:
+            self._background.run(self._async.close())
+            self._background.stop()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _run(self, work: Coroutine[Any, Any, T]) -> T:
+        if self._background.is_stopped:
+            work.close()
+        self._check_open()
+        return self._background.run(work)
+
+    def _check_open(self) -> None:
+        if self._background.is_stopped:
+            raise StereoError("this client has been closed: make another one")
