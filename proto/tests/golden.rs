@@ -138,6 +138,7 @@ fn report() -> ExecutionReport {
         instance: "server-1".into(),
         queue_depth: 2,
         software_version: "0.1.0".into(),
+        has_converged: false,
     }
 }
 

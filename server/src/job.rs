@@ -357,6 +357,8 @@ pub struct Report {
     pub density: f32,
     /// Steps of matching done, the first of the frame included.
     pub steps: u64,
+    /// Whether nothing was left worth doing: the ladder's end, or no further rung would have changed 0.1 % of the pixels.
+    pub has_converged: bool,
     /// What was cut of what was asked for.
     pub degradation: Degradation,
     /// Index of the worker.

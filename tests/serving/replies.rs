@@ -223,8 +223,30 @@ async fn json_reports_have_the_protos_field_names() {
         );
     }
     assert_eq!(report["deadline_met"], true);
+    assert_eq!(report["has_converged"], false, "two rungs of three");
     assert_eq!(report["budget_ms"], 60_000.0);
     assert!(body["mesh"]["triangles"].as_u64() > Some(100), "{body}");
+}
+
+#[tokio::test]
+async fn a_ladder_that_ends_early_because_nothing_would_change_is_no_degradation() {
+    let server = Server::start(&[]);
+    let same: [(&str, &[u8]); 2] = [("left", &PAIR.left), ("right", &PAIR.left)];
+    for (preset, asked) in [("default", 3), ("fast", 4), ("paper", 6)] {
+        let options = Some(json!({ "preset": preset, "latency_budget_ms": 60_000 }));
+        let reply = server.post_form("", "application/json", &same, options).await;
+        let report = &reply.json()["report"];
+        assert_eq!(report["has_converged"], true, "{report}");
+        assert_eq!(report["degradation"], "", "{report}");
+        assert_eq!(report["iterations_asked"], asked, "{report}");
+        assert!(report["iterations_run"].as_u64() < Some(asked), "{report}");
+    }
+    let whole = server
+        .post_pair("application/json", json!({ "latency_budget_ms": 60_000 }))
+        .await
+        .json();
+    assert_eq!(whole["report"]["has_converged"], true, "the ladder's end");
+    assert_eq!(whole["report"]["iterations_run"], 3);
 }
 
 #[tokio::test]

@@ -655,6 +655,10 @@ pub struct ExecutionReport {
     /// Version of the server's software.
     #[prost(string, tag = "21")]
     pub software_version: ::prost::alloc::string::String,
+    /// Whether nothing was left worth doing: the ladder's last rung was reached, or no further one would have changed 0.1 % of
+    /// the pixels. Fewer rungs than asked for are then no degradation.
+    #[prost(bool, tag = "22")]
+    pub has_converged: bool,
 }
 /// What was found for one request. Only the parts that were wanted are present.
 #[derive(Clone, PartialEq, ::prost::Message)]

@@ -81,6 +81,7 @@ struct ReportFields<'a> {
     instance: &'a str,
     queue_depth: u32,
     software_version: &'a str,
+    has_converged: bool,
 }
 
 impl<'a> ReportFields<'a> {
@@ -107,6 +108,7 @@ impl<'a> ReportFields<'a> {
             instance: &report.instance,
             queue_depth: report.queue_depth,
             software_version: report.software_version,
+            has_converged: report.has_converged,
         }
     }
 }

@@ -148,6 +148,8 @@ const COMPLETE: Verdict = Verdict::Finish {
 pub(super) struct Height {
     pub(super) quality: Option<Quality>,
     pub(super) steps: u64,
+    /// Whether the matcher has nothing left worth doing.
+    pub(super) has_converged: bool,
     /// Time spent matching.
     pub(super) matched: Duration,
 }
@@ -190,6 +192,7 @@ pub(super) fn climb(
         let progress = rig.step(&job.request, height.quality.is_none(), join)?;
         height.steps += 1;
         height.matched = before + started.elapsed();
+        height.has_converged = matches!(progress, Progress::Converged(_));
         let reached = height.quality.map_or(0, |quality| quality.rung);
         verdict = match progress {
             Progress::Working => guide.step_done()?,

@@ -198,6 +198,7 @@ impl Worker {
         let Height {
             quality,
             steps,
+            has_converged,
             matched,
         } = run.height;
         let (rung, estimate, density) = quality.map_or((0, 0.0, 0.0), |q| (q.rung, q.estimate, q.density));
@@ -229,8 +230,9 @@ impl Worker {
             quality_estimate: estimate,
             density,
             steps,
+            has_converged,
             degradation: Degradation {
-                rungs: cut(because, rung, asked.rungs, &run.plan),
+                rungs: cut(because, rung, asked.rungs, &run.plan).filter(|_| !has_converged),
                 is_half: run.plan.is_half,
                 has_no_mesh: asked.mesh.is_some() && times.meshed_at.is_none(),
             },
@@ -257,7 +259,7 @@ fn cut(because: StopReason, rung: u8, asked: u8, plan: &Plan) -> Option<RungsCut
         StopReason::Budget => Some(RungsCut::Budget),
         StopReason::Load => Some(RungsCut::Load),
         StopReason::Superseded => Some(RungsCut::Superseded),
-        // Either the plan was shorter than asked, or nothing was left worth doing.
+        // The plan was shorter than asked.
         StopReason::Complete if rung >= plan.rungs && plan.rungs < asked => Some(RungsCut::Load),
         StopReason::Complete => None,
     }

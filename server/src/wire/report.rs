@@ -34,5 +34,6 @@ pub(super) fn to_proto(report: &Report) -> v1::ExecutionReport {
         instance: report.instance.clone(),
         queue_depth: report.queue_depth,
         software_version: report.software_version.to_owned(),
+        has_converged: report.has_converged,
     }
 }

@@ -3,6 +3,7 @@
 //! Confidence orders pixels, and half of it is the border of the confident subset. Mesh rungs know the matching cost; the
 //! dense rungs know as well whether the right view agrees and whether the surroundings are one surface, which tells more.
 
+use crate::ladder::Recipe;
 use crate::simd::{Kernel, Lanes, Level};
 
 /// Points of a curve, by rising x.
@@ -31,6 +32,14 @@ pub(crate) struct CostScale {
 }
 
 impl CostScale {
+    /// A preset's.
+    pub(crate) fn of(recipe: &Recipe) -> Self {
+        Self {
+            half_at: recipe.half_confidence_at,
+            valid_up_to: recipe.valid_up_to,
+        }
+    }
+
     /// 8 fractional bits.
     fn slopes(self) -> (u16, u16) {
         let half_at = u16::from(self.half_at);
@@ -58,6 +67,30 @@ fn from_cost(cost: u16, (half_at, steep): (u16, u16), (valid_up_to, flat): (u16,
     #[expect(clippy::cast_possible_truncation, reason = "at most 254")]
     let confidence = (near.saturating_sub(far)).max(1) as u8;
     if cost <= valid_up_to { confidence } else { 0 }
+}
+
+/// Confidences after a mesh rung.
+pub(crate) fn rate_costs(level: Level, scale: CostScale, costs: &[u8], confidence: &mut [u8]) {
+    level.run(Costs {
+        scale,
+        costs,
+        confidence,
+    });
+}
+
+struct Costs<'a> {
+    scale: CostScale,
+    costs: &'a [u8],
+    confidence: &'a mut [u8],
+}
+
+impl Kernel for Costs<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, _: L) {
+        self.scale.rate(self.costs, self.confidence);
+    }
 }
 
 /// Confidences of a dense row: at most the certainties of its half resolution row, and less for high costs, if known.

@@ -4,7 +4,7 @@ use crate::census::{Census, Pattern};
 use crate::certainty;
 use crate::changes::Changes;
 use crate::coarse::Coarse;
-use crate::confidence::CostScale;
+use crate::confidence::{CostScale, rate_costs};
 use crate::cost::Scratch;
 use crate::disparity::{DisparityMap, FIXED_PER_PX};
 use crate::fork_join::{self, ForkJoin};
@@ -297,19 +297,16 @@ impl Frame {
         }
     }
 
-    /// Rates and writes the result so far to `out`.
+    /// Rates and writes the result so far to `out`, which may hold the one before (see `publish`).
     pub(crate) fn publish(
         &mut self,
         rung: &Rung,
         recipe: &Recipe,
         (shape, params): (Shape, &Params),
-        out: &mut DisparityMap,
+        (out, replaces): (&mut DisparityMap, bool),
         join: &dyn ForkJoin,
     ) -> Published {
-        let scale = CostScale {
-            half_at: recipe.half_confidence_at,
-            valid_up_to: recipe.valid_up_to,
-        };
+        let scale = CostScale::of(recipe);
         let confidence = match rung.work {
             Work::Mesh { .. } | Work::Propagate | Work::Paper { .. } => {
                 publish::Confidence::OfCosts(scale, &self.cost)
@@ -326,13 +323,32 @@ impl Frame {
             disparity: &self.disparity,
             confidence,
         };
-        publish::publish(self.level, &maps, (shape, params), out, join)
+        publish::publish(self.level, &maps, (shape, params), (out, replaces), join)
+    }
+
+    /// Share of the pixels whose disparity explains the images badly, by the costs of mesh rungs.
+    pub(crate) fn failed_share(&self) -> f32 {
+        propagate::failed_share(&self.cost)
     }
 
     /// Writes the mesh to `out`, in the image's pixels and disparities: the one that was matched, or one that is made anew from
     /// the map after a dense rung, or if there are more triangles than wanted.
-    pub(crate) fn write_mesh(&mut self, rung: &Rung, params: &MeshParams, out: &mut Mesh) {
+    pub(crate) fn write_mesh(
+        &mut self,
+        (rung, recipe): (&Rung, &Recipe),
+        params: &MeshParams,
+        out: &mut Mesh,
+    ) {
         let is_dense = matches!(rung.work, Work::HalfBand | Work::Full);
+        if !is_dense {
+            // Publishing such a rung has rated its costs on the way.
+            rate_costs(
+                self.level,
+                CostScale::of(recipe),
+                &self.cost,
+                &mut self.confidence,
+            );
+        }
         let limits = surface::Limits {
             tolerance_px: params.tolerance_px,
             triangles: usize::try_from(params.max_triangles).unwrap_or(usize::MAX),

@@ -63,6 +63,7 @@ mod certainty;
 mod changes;
 mod coarse;
 mod confidence;
+mod convergence;
 mod cost;
 mod disparity;
 mod epipolar;

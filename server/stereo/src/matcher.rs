@@ -12,6 +12,7 @@
 //! The caller may stop after any step: the output always holds the last finished rung.
 
 use crate::confidence;
+use crate::convergence;
 use crate::disparity::DisparityMap;
 use crate::error::{MatchError, ParamsError};
 use crate::fork_join::ForkJoin;
@@ -32,6 +33,9 @@ pub struct Quality {
     pub density: f32,
     /// Estimated share of the mask's pixels that are right within 3 px, 0..=1; never falls from rung to rung.
     pub estimate: f32,
+    /// Share of the pixels asked for that the rung changed: that have got or lost a disparity, or one that differs by 1/4 px
+    /// or more from the rung before. 1 after the first rung; 0 if no pixel is asked for.
+    pub changed: f32,
 }
 
 /// What a call achieved.
@@ -41,7 +45,7 @@ pub enum Progress {
     Working,
     /// A rung was finished and written to the output.
     Improved(Quality),
-    /// Nothing left worth doing; the output is final.
+    /// Nothing left worth doing: the ladder's end, or no further rung would change 0.1 % of the pixels. The output is final.
     Converged(Quality),
 }
 
@@ -55,6 +59,8 @@ pub struct Matcher {
     frame: Frame,
     /// Rungs finished for the current pair; 0 before `base`.
     rungs_done: usize,
+    /// Whether there is nothing left worth doing.
+    is_done: bool,
     stage: Stage,
     quality: Quality,
 }
@@ -63,6 +69,7 @@ const NOTHING_YET: Quality = Quality {
     rung: 0,
     density: 0.0,
     estimate: 0.0,
+    changed: 0.0,
 };
 
 impl Matcher {
@@ -82,6 +89,7 @@ impl Matcher {
             recipe,
             frame,
             rungs_done: 0,
+            is_done: false,
             stage: Stage::Choose,
             quality: NOTHING_YET,
         })
@@ -148,6 +156,7 @@ impl Matcher {
             return Err(MatchError::WrongShape { expected, got });
         }
         (self.rungs_done, self.stage, self.quality) = (0, Stage::Choose, NOTHING_YET);
+        self.is_done = false;
         self.frame.begin(pair, self.recipe, join);
         after("take in");
         loop {
@@ -166,10 +175,10 @@ impl Matcher {
         self.stage.name()
     }
 
-    /// One bounded step towards the next rung. `pair` is the one given to [`Self::base`]; without a `base` before, nothing
+    /// One bounded step towards the next rung. `pair` is the one given to [`Self::base`], and `out` holds its last result; without a `base` before, nothing
     /// is done and the answer is `Converged`.
     pub fn refine(&mut self, _pair: StereoPair<'_>, out: &mut DisparityMap, join: &dyn ForkJoin) -> Progress {
-        if self.rungs_done == 0 || self.rungs_done == self.recipe.rungs.len() {
+        if self.rungs_done == 0 || self.is_done {
             return Progress::Converged(self.quality);
         }
         self.step(out, join)
@@ -181,7 +190,7 @@ impl Matcher {
         mesh.triangles.clear();
         if self.rungs_done > 0 {
             let rung = &self.recipe.rungs[self.rungs_done - 1];
-            self.frame.write_mesh(rung, params, mesh);
+            self.frame.write_mesh((rung, self.recipe), params, mesh);
         }
     }
 
@@ -193,9 +202,13 @@ impl Matcher {
                 Progress::Working
             }
             None => {
-                let published = self
-                    .frame
-                    .publish(rung, self.recipe, (self.shape, &self.params), out, join);
+                let published = self.frame.publish(
+                    rung,
+                    self.recipe,
+                    (self.shape, &self.params),
+                    (out, self.rungs_done > 0),
+                    join,
+                );
                 self.finish_rung(&published)
             }
         }
@@ -210,8 +223,12 @@ impl Matcher {
             // Confidences of one kind of rung never fall; between kinds the scale may.
             estimate: confidence::at(self.recipe.estimate, published.mean_confidence)
                 .max(self.quality.estimate),
+            changed: published.changed,
         };
-        if self.rungs_done == self.recipe.rungs.len() {
+        let left = &self.recipe.rungs[self.rungs_done..];
+        let changed = published.changed;
+        self.is_done = convergence::has_converged(left, changed, || self.frame.failed_share());
+        if self.is_done {
             Progress::Converged(self.quality)
         } else {
             Progress::Improved(self.quality)

@@ -32,6 +32,13 @@ pub(crate) struct Found<'a> {
     pub(crate) max_fixed: u16,
 }
 
+/// Share of the pixels with these costs that are not good.
+pub(crate) fn failed_share(cost: &[u8]) -> f32 {
+    let in_row = |row: &[u8]| row.iter().map(|cost| u32::from(*cost >= GOOD_BELOW)).sum::<u32>();
+    let failed: u32 = cost.chunks(4096).map(in_row).sum();
+    failed as f32 / cost.len() as f32
+}
+
 /// Writes to `candidates` the disparity each pixel tries: its own where it is good or nobody near is, else the one of the
 /// nearest good pixel of its row. Near are those 1 px away, then 2 and 3, 4 to 7, and 8; those on the left come first. Marks the pixels that borrow in `changes`.
 pub(crate) fn candidates(

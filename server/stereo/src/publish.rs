@@ -35,19 +35,24 @@ pub(crate) struct Published {
     pub(crate) density: f32,
     /// Mean confidence of the mask's pixels, 0..=254, whatever was asked for.
     pub(crate) mean_confidence: f32,
+    /// Share of the pixels asked for that are not what they were; 1 where that was not looked at, 0 if none was asked for.
+    pub(crate) changed: f32,
 }
 
+/// A disparity that moves by this much (1/64 px), or comes or goes, has changed.
+const CHANGED_FROM: u16 = FIXED_PER_PX / 4;
+
 /// Fills `out`: in the region of interest, pixels that are validated get their disparity; dense output gets the mesh's
-/// plane, with confidence 0, where there is none.
+/// plane, with confidence 0, where there is none. If it `replaces` the frame's result before, it is compared with that.
 pub(crate) fn publish(
     level: Level,
     maps: &Maps<'_>,
     (shape, params): (Shape, &Params),
-    out: &mut DisparityMap,
+    (out, replaces): (&mut DisparityMap, bool),
     join: &dyn ForkJoin,
 ) -> Published {
     let roi = params.roi.unwrap_or(Roi::full(shape));
-    if roi != Roi::full(shape) || out.shape() != shape {
+    if (roi != Roi::full(shape) && !replaces) || out.shape() != shape {
         out.reset(shape);
     }
     let width = shape.width_px();
@@ -62,6 +67,7 @@ pub(crate) fn publish(
             maps,
             roi,
             params,
+            replaces,
             first_row: roi.y + piece * rows,
             width,
             fixed,
@@ -75,6 +81,11 @@ pub(crate) fn publish(
     Published {
         density: share(all.answered, all.asked),
         mean_confidence: share(all.confidence, all.textured),
+        changed: if replaces || all.asked == 0 {
+            share(all.changed, all.asked)
+        } else {
+            1.0
+        },
     }
 }
 
@@ -82,6 +93,8 @@ struct Publish<'a> {
     maps: &'a Maps<'a>,
     roi: Roi,
     params: &'a Params,
+    /// Whether the output holds the frame's result before.
+    replaces: bool,
     /// Whole rows of the output.
     first_row: usize,
     width: usize,
@@ -98,6 +111,7 @@ impl Kernel for Publish<'_> {
             maps,
             roi,
             params,
+            replaces,
             first_row,
             width,
             fixed,
@@ -128,7 +142,12 @@ impl Kernel for Publish<'_> {
                     Confidence::OfCosts(scale, map) => Confidence::OfCosts(scale, &map[span]),
                 },
             };
-            let counts = rule.write_row(&row, &mut fixed[target.clone()], &mut confidence[target]);
+            let out = (&mut fixed[target.clone()], &mut confidence[target]);
+            let counts = if replaces {
+                rule.write_row::<true>(&row, out)
+            } else {
+                rule.write_row::<false>(&row, out)
+            };
             all.add(&counts);
         }
         all
@@ -146,6 +165,7 @@ struct Row<'a> {
 struct Counts {
     asked: u32,
     answered: u32,
+    changed: u32,
     textured: u32,
     /// Sum over the mask; below 2^32 for 4096 x 4096 pixels.
     confidence: u32,
@@ -155,6 +175,7 @@ impl Counts {
     fn add(&mut self, others: &Self) {
         self.asked += others.asked;
         self.answered += others.answered;
+        self.changed += others.changed;
         self.textured += others.textured;
         self.confidence += others.confidence;
     }
@@ -175,16 +196,22 @@ const NARROW: usize = 8;
 struct Tally {
     asked: [u8; BLOCK],
     answered: [u8; BLOCK],
+    changed: [u8; BLOCK],
     textured: [u8; BLOCK],
     confidence: [u16; BLOCK],
 }
 
 impl Rule {
     #[inline(always)]
-    fn write_row(&self, row: &Row<'_>, fixed: &mut [u16], confidence: &mut [u8]) -> Counts {
+    fn write_row<const COMPARES: bool>(
+        &self,
+        row: &Row<'_>,
+        (fixed, confidence): (&mut [u16], &mut [u8]),
+    ) -> Counts {
         let mut tally = Tally {
             asked: [0; BLOCK],
             answered: [0; BLOCK],
+            changed: [0; BLOCK],
             textured: [0; BLOCK],
             confidence: [0; BLOCK],
         };
@@ -192,15 +219,16 @@ impl Rule {
         let (n, mut x) = (fixed.len(), 0);
         while x < n {
             x += match n - x {
-                BLOCK.. => self.write::<BLOCK>(row, x, fixed, confidence, &mut tally),
-                NARROW.. => self.write::<NARROW>(row, x, fixed, confidence, &mut tally),
-                _ => self.write::<1>(row, x, fixed, confidence, &mut tally),
+                BLOCK.. => self.write::<BLOCK, COMPARES>(row, x, (fixed, confidence), &mut tally),
+                NARROW.. => self.write::<NARROW, COMPARES>(row, x, (fixed, confidence), &mut tally),
+                _ => self.write::<1, COMPARES>(row, x, (fixed, confidence), &mut tally),
             };
         }
         let sum = |counts: &[u8]| counts.iter().copied().map(u32::from).sum();
         Counts {
             asked: sum(&tally.asked),
             answered: sum(&tally.answered),
+            changed: sum(&tally.changed),
             textured: sum(&tally.textured),
             confidence: tally.confidence.iter().copied().map(u32::from).sum(),
         }
@@ -208,12 +236,11 @@ impl Rule {
 
     /// `N` pixels from column `x` on.
     #[inline(always)]
-    fn write<const N: usize>(
+    fn write<const N: usize, const COMPARES: bool>(
         &self,
         row: &Row<'_>,
         x: usize,
-        fixed: &mut [u16],
-        confidence: &mut [u8],
+        (fixed, confidence): (&mut [u16], &mut [u8]),
         tally: &mut Tally,
     ) -> usize {
         let span = x..x + N;
@@ -236,7 +263,13 @@ impl Rule {
             tally.confidence[x] += u16::from(sure & mask[x].wrapping_neg());
             let valid = u16::from(valid).wrapping_neg();
             let value = (disparity[x] & valid) | (interpolated[x] & !valid);
-            fixed[x] = (value + self.offset).max(1) & u16::from(kept).wrapping_neg();
+            let value = (value + self.offset).max(1) & u16::from(kept).wrapping_neg();
+            if COMPARES {
+                let before = fixed[x];
+                let moved = u8::from(before.abs_diff(value) >= CHANGED_FROM);
+                tally.changed[x] += moved | u8::from((before > 0) != (value > 0));
+            }
+            fixed[x] = value;
         }
         N
     }

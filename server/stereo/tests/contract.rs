@@ -252,7 +252,40 @@ fn quality_never_falls_and_rungs_are_counted() {
                 k + 1
             );
             assert_eq!(usize::from(pair[1].0.rung), k + 2);
+            assert!(
+                pair[1].0.changed > 0.001,
+                "a rung that changes this much is worth it"
+            );
         }
+    }
+}
+
+#[test]
+fn a_ladder_ends_where_no_rung_would_change_anything() {
+    let same = Pair::with_disparity(220, 140, |_| 0);
+    for params in [Params::default(), Params::fast(), Params::paper()] {
+        let mut matcher = matcher(same.shape(), params.clone());
+        let rungs = climb(&mut matcher, &same, &Serial);
+        let last = rungs.last().unwrap();
+        assert!(last.0.changed < 0.001, "{:?}: {:?}", params.preset, last.0);
+        assert!(
+            rungs.len() < stereo::rung_names(params.preset).len(),
+            "{:?}",
+            params.preset
+        );
+        let mut out = last.1.clone();
+        let again = matcher.refine(same.views(), &mut out, &Serial);
+        assert_eq!(
+            (again, &out),
+            (Progress::Converged(last.0), &last.1),
+            "it stays so"
+        );
+        // The next frame is another matter.
+        let other = Pair::with_disparity(220, 140, |y| 8 + i64::try_from(y % 37 / 12 * 11).unwrap());
+        assert_eq!(
+            climb(&mut matcher, &other, &Serial).len(),
+            stereo::rung_names(params.preset).len()
+        );
     }
 }
 
@@ -447,6 +480,34 @@ fn no_rungs_mesh_has_more_triangles_than_its_budget_and_a_larger_one_is_used() {
             }
             progress = matcher.refine(pair.views(), &mut out, &Serial);
         }
+    }
+}
+
+#[test]
+fn a_rungs_mesh_is_confirmed_by_its_own_frame() {
+    let wall = Pair::with_disparity(240, 160, |_| 17);
+    let noise = Pair::with_disparity(240, 160, |y| 7 * i64::try_from(y % 9).unwrap());
+    for params in [Params::default(), Params::fast(), Params::paper()] {
+        let first_mesh = |before: Option<&Pair>| {
+            let mut matcher = matcher(wall.shape(), params.clone());
+            if let Some(before) = before {
+                climb(&mut matcher, before, &Serial);
+            }
+            let mut out = DisparityMap::new(wall.shape());
+            matcher.base(wall.views(), &mut out, &Serial).unwrap();
+            let mut mesh = Mesh::default();
+            matcher.mesh(&MeshParams::default(), &mut mesh);
+            mesh
+        };
+        let alone = first_mesh(None);
+        // All but the part that the right view does not see.
+        assert!(
+            alone.triangles.len() > 20,
+            "{:?}: {}",
+            params.preset,
+            alone.triangles.len()
+        );
+        assert_eq!(alone, first_mesh(Some(&noise)), "{:?}", params.preset);
     }
 }
 

@@ -53,7 +53,13 @@ impl Scene {
         let mut out = DisparityMap::new(self.shape);
         out.parts_mut().0.fill(9);
         out.parts_mut().1.fill(9);
-        let published = publish(Level::detect(), &maps, (self.shape, params), &mut out, &Serial);
+        let published = publish(
+            Level::detect(),
+            &maps,
+            (self.shape, params),
+            (&mut out, false),
+            &Serial,
+        );
         (out, published)
     }
 }
@@ -138,8 +144,51 @@ fn a_map_of_another_shape_takes_the_shape_of_the_result() {
         Level::detect(),
         &maps,
         (scene.shape, &Params::default()),
-        &mut out,
+        (&mut out, false),
         &Serial,
     );
     assert_eq!(out, scene.publish(&Params::default()).0);
+}
+
+#[test]
+fn pixels_that_move_by_a_quarter_come_or_go_have_changed() {
+    let mut scene = Scene::full(5);
+    let params = Params::default();
+    scene.mask.fill(1);
+    scene.disparity.fill(640);
+    scene.confidence.fill(200);
+    scene.confidence[..10].fill(0);
+    let (mut out, first) = scene.publish(&params);
+    assert_eq!(first.changed, 1.0);
+    scene.confidence[..3].fill(200);
+    scene.confidence[20..24].fill(0);
+    scene.disparity[30..35].fill(655);
+    scene.disparity[40..45].fill(656);
+    scene.disparity[50..52].fill(0);
+    let maps = Maps {
+        window: scene.window,
+        mask: &scene.mask,
+        interpolated: &scene.interpolated,
+        disparity: &scene.disparity,
+        confidence: Confidence::Known(&scene.confidence),
+    };
+    for level in Level::available() {
+        let mut out = out.clone();
+        let published = publish(level, &maps, (scene.shape, &params), (&mut out, true), &Serial);
+        assert_eq!(published.changed, 14.0 / (64.0 * 40.0), "{}", level.name());
+        assert_eq!(out, scene.publish(&params).0);
+    }
+    let unasked = vec![0; scene.mask.len()];
+    let maps = Maps {
+        mask: &unasked,
+        ..maps
+    };
+    let nothing = publish(
+        Level::detect(),
+        &maps,
+        (scene.shape, &params),
+        (&mut out, true),
+        &Serial,
+    );
+    assert_eq!((nothing.changed, nothing.density), (0.0, 0.0));
 }
