@@ -23,11 +23,13 @@ pub fn target_dir() -> Result<PathBuf> {
 }
 
 /// What the binary is built from, below the workspace's root.
-const SOURCES: [&str; 5] = [
+const SOURCES: [&str; 7] = [
+    "server/build.rs",
     "server/src",
     "server/stereo/src",
     "server/scheduler/src",
     "proto/src",
+    "clients/console/dist",
     "Cargo.lock",
 ];
 

@@ -5,12 +5,14 @@
 //! | `POST /v1/stereo` | a pair in, a result out ([`frames`]) |
 //! | `POST /v1/stereo/batch` | pairs in, results out as they finish ([`batch`]) |
 //! | `GET /metrics` | everything that is counted ([`about`]) |
+//! | `GET /` and the files below | the web page ([`console`]) |
 //! | `GET /v1/info`, `/v1/schema.binpb`, `/livez`, `/readyz` | about the server ([`about`]) |
 
 mod about;
 mod batch;
 mod body;
 mod connections;
+mod console;
 mod early;
 mod envelope;
 mod form;
@@ -57,7 +59,7 @@ pub fn router(config: &Config, simd: &'static str, service: Arc<Service>) -> Rou
         batch_places: Arc::new(Semaphore::new(BACKGROUND_CAPACITY / 2)),
     };
     let names = Arc::new(envelope::RequestNames::new(&config.instance));
-    Router::new()
+    console::routes(Router::new())
         .route("/v1/stereo", only("POST", post(frames::post)))
         .route("/v1/stereo/batch", only("POST", post(batch::post)))
         .route("/metrics", only("GET, HEAD", get(about::metrics)))

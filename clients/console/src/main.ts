@@ -1,0 +1,58 @@
+// The page: which of its parts is shown, and whether the server is there.
+
+import { find, say } from "./dom.ts";
+import { count } from "./format.ts";
+import { AWAY, follow } from "./health.ts";
+import { LivePage } from "./live.ts";
+import { TryPage } from "./try.ts";
+
+const tryPage = new TryPage();
+const livePage = new LivePage();
+
+/** Shows the page that the address names: `#/try` or `#/live/CAMERA`. */
+function route(): void {
+  const [, page = "try", camera] = location.hash.split("/");
+  const isLive = page === "live";
+  find("#try").hidden = isLive;
+  find("#live").hidden = !isLive;
+  for (const link of document.querySelectorAll<HTMLAnchorElement>("nav a")) {
+    if (link.dataset.page === (isLive ? "live" : "try")) {
+      link.setAttribute("aria-current", "page");
+    } else {
+      link.removeAttribute("aria-current");
+    }
+  }
+  document.title = isLive ? "Live - stereod" : "Try it - stereod";
+  if (isLive) {
+    livePage.open(camera === undefined ? undefined : decodeURIComponent(camera));
+  } else {
+    livePage.close();
+  }
+}
+
+addEventListener("hashchange", () => {
+  route();
+  find("#main").focus({ preventScroll: true });
+});
+route();
+
+let isFirst = true;
+void follow((state, isBack) => {
+  const server = find("#server");
+  server.dataset.state = state.kind;
+  const text = find("span", server);
+  if (state.kind === "ready") {
+    const { instance, version, simd, workers } = state.info;
+    text.textContent = `${instance} ${version}, ${count(workers, "worker")}, ${simd}`;
+    say(find("#banner"), "");
+  } else {
+    text.textContent = state.kind === "away" ? "no server" : "not ready";
+    say(find("#banner"), state.kind === "away" ? AWAY : `The server is not ready: ${state.why}.`);
+  }
+  if (state.kind === "ready" && isFirst) {
+    isFirst = false;
+    void tryPage.useSample();
+  } else if (isBack) {
+    void tryPage.reconnected();
+  }
+});
