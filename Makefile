@@ -1,21 +1,50 @@
 # Short names for plain commands; nothing is done here that can't be typed.
 
-.PHONY: demo test test-python lint lint-python fmt figures eval stages load
+.PHONY: demo console test test-python test-console lint lint-python fmt figures eval stages load
 
 # A real pair through a real server; writes out/.
-demo:
+demo: console
 	cargo run --release --package stereo-tests --bin demo
 
+# The web page at /, which the next cargo build takes into the server. Without it, the server says there how to get it.
+CONSOLE = clients/console
+HAS_NODE = node -e 'const [major, minor] = process.versions.node.split("."); process.exit(+(major < 20 || (major == 20 && minor < 19)))'
+console:
+	@if ! $(HAS_NODE) 2>/dev/null; then \
+		echo "The console is not built: that takes Node.js 20.19 or later, with npm."; \
+	elif ! $(MAKE) --silent $(CONSOLE)/node_modules/.package-lock.json; then \
+		echo "The console is not built: npm could not install what it needs, see above."; \
+	else \
+		$(MAKE) --silent $(CONSOLE)/dist/index.html; \
+	fi
+
+$(CONSOLE)/node_modules/.package-lock.json: $(CONSOLE)/package.json $(CONSOLE)/package-lock.json
+	cd $(CONSOLE) && npm ci
+	touch $@
+
+$(CONSOLE)/dist/index.html: $(CONSOLE)/node_modules/.package-lock.json proto/src/gen/stereo.v1.binpb \
+		$(wildcard $(addprefix $(CONSOLE)/,index.html *.ts *.json build/* public/* public/*/* src/*.*))
+	cd $(CONSOLE) && npm run build
+
 # Every test: Rust's, then what is not Rust.
-test:
+test: console
 	cargo test --release --workspace
 	python3 -m py_compile tests/eval/peers.py
 	$(MAKE) test-python
+	$(MAKE) test-console
 
 # The Python client's tests, against the release binary.
 test-python: target/venv-python/ready
 	cargo build --release --workspace --bin stereod
 	cd clients/python && ../../target/venv-python/bin/python -m pytest --quiet $(ARGS)
+
+# The console's tests, in a real browser on the release binary.
+test-console: console
+	@if [ ! -f $(CONSOLE)/dist/index.html ]; then \
+		echo "skipped: the console's tests, it is not built"; \
+	else \
+		cargo build --release --workspace --bin stereod && cd $(CONSOLE) && npm test -- $(ARGS); \
+	fi
 
 lint: lint-python
 	cargo fmt --all -- --check

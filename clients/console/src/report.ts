@@ -34,7 +34,8 @@ export function stagesOf(report: ExecutionReport): Stage[] {
 export function summary(report: ExecutionReport): string {
   const budget = report.budget ? ` of ${ms(inMs(report.budget))}` : "";
   const rungs = `${report.iterationsRun} of ${report.iterationsAsked} rungs (${report.rung})`;
-  return `${ms(inMs(report.total))}${budget}, ${rungs}, estimated quality ${percent(report.qualityEstimate)}.`;
+  const late = report.deadlineMet ? "" : "Late: ";
+  return `${late}${ms(inMs(report.total))}${budget}, ${rungs}, estimated quality ${percent(report.qualityEstimate)}.`;
 }
 
 /** Fills `element` with the bar of stages against the budget, and the facts. */

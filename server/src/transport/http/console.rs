@@ -50,7 +50,7 @@ const INDEX: &str = "/index.html";
 const HASHED: &str = "/assets/";
 
 /// The page may load what comes with it and talk to its own server, and nothing else; nobody may frame it.
-const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; connect-src 'self' blob:; \
+const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; connect-src 'self'; \
                       base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
 
 /// `router` with the console's files.
