@@ -27,46 +27,51 @@ const FULL: u16 = 254;
 /// Confidence over the cost: 254 at 0, half at `half_at`, next to nothing at `valid_up_to`, 0 beyond.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct CostScale {
-    pub(crate) half_at: u8,
-    pub(crate) valid_up_to: u8,
+    half_at: u16,
+    valid_up_to: u16,
+    /// Confidence a cost below and above half takes away, with 8 fractional bits.
+    steep: u16,
+    flat: u16,
 }
 
 impl CostScale {
     /// A preset's.
     pub(crate) fn of(recipe: &Recipe) -> Self {
+        Self::new(recipe.half_confidence_at.into(), recipe.valid_up_to.into())
+    }
+
+    /// `half_at` is more than 0 and less than `valid_up_to`.
+    fn new(half_at: u16, valid_up_to: u16) -> Self {
         Self {
-            half_at: recipe.half_confidence_at,
-            valid_up_to: recipe.valid_up_to,
+            half_at,
+            valid_up_to,
+            steep: (FULL - HALF) * 256 / half_at,
+            flat: (HALF - 1) * 256 / (valid_up_to - half_at),
         }
     }
 
-    /// 8 fractional bits.
-    fn slopes(self) -> (u16, u16) {
-        let half_at = u16::from(self.half_at);
-        (
-            (FULL - HALF) * 256 / half_at,
-            (HALF - 1) * 256 / (u16::from(self.valid_up_to) - half_at),
-        )
+    /// Half the full confidence is reached `by` later.
+    pub(crate) fn milder(self, by: u16) -> Self {
+        Self::new(self.half_at + by, self.valid_up_to)
     }
 
     /// Confidences of validated pixels by their costs.
     #[inline(always)]
     pub(crate) fn rate(self, costs: &[u8], confidence: &mut [u8]) {
-        let (steep, flat) = self.slopes();
-        let (half_at, valid_up_to) = (u16::from(self.half_at), u16::from(self.valid_up_to));
         for (confidence, cost) in confidence.iter_mut().zip(costs) {
-            *confidence = from_cost(u16::from(*cost), (half_at, steep), (valid_up_to, flat));
+            *confidence = self.of_cost(u16::from(*cost));
         }
     }
-}
 
-#[inline(always)]
-fn from_cost(cost: u16, (half_at, steep): (u16, u16), (valid_up_to, flat): (u16, u16)) -> u8 {
-    let near = FULL - ((cost.min(half_at) * steep) >> 8);
-    let far = (cost.saturating_sub(half_at).min(valid_up_to - half_at) * flat) >> 8;
-    #[expect(clippy::cast_possible_truncation, reason = "at most 254")]
-    let confidence = (near.saturating_sub(far)).max(1) as u8;
-    if cost <= valid_up_to { confidence } else { 0 }
+    #[inline(always)]
+    fn of_cost(self, cost: u16) -> u8 {
+        let near = FULL - ((cost.min(self.half_at) * self.steep) >> 8);
+        let beyond = cost.saturating_sub(self.half_at).min(self.valid_up_to - self.half_at);
+        let far = (beyond * self.flat) >> 8;
+        #[expect(clippy::cast_possible_truncation, reason = "at most 254")]
+        let confidence = (near.saturating_sub(far)).max(1) as u8;
+        if cost <= self.valid_up_to { confidence } else { 0 }
+    }
 }
 
 /// Confidences after a mesh rung.
@@ -140,11 +145,9 @@ impl Kernel for Dense<'_> {
             *last = (*certainty).min(most);
         }
         let Some(costs) = costs else { return };
-        let (steep, flat) = scale.slopes();
-        let (half_at, valid_up_to) = (u16::from(scale.half_at), u16::from(scale.valid_up_to));
         for (confidence, cost) in confidence.iter_mut().zip(costs) {
-            let cost = u16::from(*cost).min(valid_up_to);
-            *confidence = (*confidence).min(from_cost(cost, (half_at, steep), (valid_up_to, flat)));
+            let cost = u16::from(*cost).min(scale.valid_up_to);
+            *confidence = (*confidence).min(scale.of_cost(cost));
         }
     }
 }
@@ -157,11 +160,7 @@ mod tests {
     fn confidence_falls_from_254_over_half_to_next_to_nothing_and_then_0() {
         let costs: Vec<u8> = (0..=255).collect();
         let mut confidence = vec![0; 256];
-        CostScale {
-            half_at: 75,
-            valid_up_to: 125,
-        }
-        .rate(&costs, &mut confidence);
+        CostScale::new(75, 125).rate(&costs, &mut confidence);
         assert_eq!([0, 126, 255].map(|cost| confidence[cost]), [254, 0, 0]);
         assert!((1..=4).contains(&confidence[125]), "{}", confidence[125]);
         assert!(confidence[75] >= 127 && confidence[76] <= 127);

@@ -190,9 +190,8 @@ struct Rule {
 
 /// Pixels of one block: plain loops over arrays of this length become vector code.
 const BLOCK: usize = 64;
-const NARROW: usize = 8;
 
-/// Counts of a row, one for each place in a block. No row has more than 64 blocks, and 7 narrow ones.
+/// Counts of a row, one for each place in a block. No row has more than 64 blocks.
 struct Tally {
     asked: [u8; BLOCK],
     answered: [u8; BLOCK],
@@ -215,14 +214,17 @@ impl Rule {
             textured: [0; BLOCK],
             confidence: [0; BLOCK],
         };
-        // Whole blocks, then narrower ones: single pixels are many times slower.
-        let (n, mut x) = (fixed.len(), 0);
-        while x < n {
-            x += match n - x {
-                BLOCK.. => self.write::<BLOCK, COMPARES>(row, x, (fixed, confidence), &mut tally),
-                NARROW.. => self.write::<NARROW, COMPARES>(row, x, (fixed, confidence), &mut tally),
-                _ => self.write::<1, COMPARES>(row, x, (fixed, confidence), &mut tally),
-            };
+        let n = fixed.len();
+        if n < BLOCK {
+            for x in 0..n {
+                self.write::<1, COMPARES>(row, (x, x), (fixed, confidence), &mut tally);
+            }
+        } else {
+            // The last block overlaps the one before where the row is no multiple: single pixels are many times slower.
+            for counted in (0..n).step_by(BLOCK) {
+                let at = (counted.min(n - BLOCK), counted);
+                self.write::<BLOCK, COMPARES>(row, at, (fixed, confidence), &mut tally);
+            }
         }
         let sum = |counts: &[u8]| counts.iter().copied().map(u32::from).sum();
         Counts {
@@ -234,15 +236,15 @@ impl Rule {
         }
     }
 
-    /// `N` pixels from column `x` on.
+    /// `N` pixels from column `x` on, of which those from column `counted` on are counted.
     #[inline(always)]
     fn write<const N: usize, const COMPARES: bool>(
         &self,
         row: &Row<'_>,
-        x: usize,
+        (x, counted): (usize, usize),
         (fixed, confidence): (&mut [u16], &mut [u8]),
         tally: &mut Tally,
-    ) -> usize {
+    ) {
         let span = x..x + N;
         let (fixed, confidence) = (&mut fixed[span.clone()], &mut confidence[span.clone()]);
         match row.confidence {
@@ -251,16 +253,20 @@ impl Rule {
         }
         let mask = &row.mask[span.clone()];
         let (interpolated, disparity) = (&row.interpolated[span.clone()], &row.disparity[span]);
-        for x in 0..N {
+        #[expect(clippy::cast_possible_truncation, reason = "less than a block")]
+        let skipped = (counted - x) as u8;
+        for (x, place) in (0..N).zip(0u8..) {
             let sure = confidence[x];
             let valid = u8::from(sure > 0);
             let wanted = mask[x] | self.everything;
             let kept = wanted & (valid | self.everything) & u8::from(sure >= self.least_confidence);
             confidence[x] = sure & kept.wrapping_neg();
-            tally.asked[x] += wanted;
-            tally.answered[x] += kept;
-            tally.textured[x] += mask[x];
-            tally.confidence[x] += u16::from(sure & mask[x].wrapping_neg());
+            let counts = u8::from(place >= skipped);
+            tally.asked[x] += wanted & counts;
+            tally.answered[x] += kept & counts;
+            let textured = mask[x] & counts;
+            tally.textured[x] += textured;
+            tally.confidence[x] += u16::from(sure & textured.wrapping_neg());
             let valid = u16::from(valid).wrapping_neg();
             let value = (disparity[x] & valid) | (interpolated[x] & !valid);
             let value = (value + self.offset).max(1) & u16::from(kept).wrapping_neg();
@@ -271,7 +277,6 @@ impl Rule {
             }
             fixed[x] = value;
         }
-        N
     }
 }
 

@@ -129,10 +129,7 @@ impl Frame {
     /// Confidences after a dense rung.
     pub(super) fn rate_dense(&mut self, rung: &Rung, scale: CostScale, join: &dyn ForkJoin) {
         // What is known besides the cost allows a dearer match to be believed.
-        let scale = CostScale {
-            half_at: scale.half_at + 40,
-            ..scale
-        };
+        let scale = scale.milder(40);
         let (_, certainty) = self.half.result();
         let (level, width, half_width) = (self.level, self.width(), self.half.width());
         let rows_a_piece = self.height().div_ceil(fork_join::pieces(join));
