@@ -4,9 +4,6 @@ use std::ops::Range;
 
 /// Columns of a bit; 64 of them are the widest image.
 const BLOCK_PX: usize = 64;
-/// Rows that are evaluated together.
-pub(crate) const STRIP_PX: usize = 8;
-
 /// Marks of a map.
 #[derive(Debug, Default)]
 pub(crate) struct Changes {
@@ -34,12 +31,6 @@ impl Changes {
         self.rows.resize(height, 0);
     }
 
-    /// All of a map of `height` rows changed.
-    pub(crate) fn everything(&mut self, height: usize) {
-        self.rows.clear();
-        self.rows.resize(height, u64::MAX);
-    }
-
     /// Columns `first..=last` of row `y` changed.
     #[inline(always)]
     pub(crate) fn mark(&mut self, y: usize, first: usize, last: usize) {
@@ -51,82 +42,106 @@ impl Changes {
         self.rows.chunks_mut(rows).map(|rows| Part { rows })
     }
 
-    /// Calls `visit(rows, columns)` for areas that together cover `rows` of a map of `width` wherever a row less than
-    /// `reach` away is marked. `rows` start at a multiple of [`STRIP_PX`]; areas don't depend on how a map is cut there.
-    pub(crate) fn areas(
-        &self,
-        rows: Range<usize>,
-        width: usize,
-        reach: usize,
-        mut visit: impl FnMut(Range<usize>, Range<usize>),
-    ) {
-        let mut top = rows.start;
-        let mut marks = self.strip(top, rows.end, reach);
-        while top < rows.end {
-            // Strips with the same marks are one area.
-            let mut bottom = (top + STRIP_PX).min(rows.end);
-            let mut below = 0;
-            while bottom < rows.end {
-                below = self.strip(bottom, rows.end, reach);
-                if below != marks {
-                    break;
-                }
-                bottom = (bottom + STRIP_PX).min(rows.end);
-            }
-            // Nothing lies beyond the last column.
-            let mut left = marks & (u64::MAX >> (63 - (width - 1) / BLOCK_PX));
-            while left != 0 {
-                let first = left.trailing_zeros() as usize;
-                let end = first + (left >> first).trailing_ones() as usize;
-                visit(top..bottom, first * BLOCK_PX..(end * BLOCK_PX).min(width));
-                left = if end == 64 { 0 } else { left & (u64::MAX << end) };
-            }
-            (top, marks) = (bottom, below);
-        }
+    /// The blocks of row `y` that are marked there or in a row at most `reach` away.
+    #[inline(always)]
+    pub(crate) fn blocks(&self, y: usize, reach: usize) -> Blocks {
+        let rows = y.saturating_sub(reach)..(y + reach + 1).min(self.rows.len());
+        Blocks(self.rows[rows].iter().fold(0, |all, row| all | row))
+    }
+}
+
+/// Some of a row's blocks.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Blocks(u64);
+
+impl Blocks {
+    pub(crate) const ALL: Self = Self(u64::MAX);
+    pub(crate) const NONE: Self = Self(0);
+
+    #[inline(always)]
+    pub(crate) fn or(self, other: Self) -> Self {
+        Self(self.0 | other.0)
     }
 
-    fn strip(&self, top: usize, end: usize, reach: usize) -> u64 {
-        let rows = top.saturating_sub(reach)..((top + STRIP_PX).min(end) + reach).min(self.rows.len());
-        self.rows[rows].iter().fold(0, |all, row| all | row)
+    /// The columns of a row of `width` that are in the blocks, in runs of at least a block's length: the last one may begin in
+    /// the block before. Without a whole block in the row, all of it is one.
+    #[inline(always)]
+    pub(crate) fn runs(self, width: usize) -> Runs {
+        // Nothing lies beyond the last column.
+        Runs {
+            left: self.0 & (u64::MAX >> (63 - (width - 1) / BLOCK_PX)),
+            width,
+        }
+    }
+}
+
+/// Runs of columns, from left to right.
+pub(crate) struct Runs {
+    left: u64,
+    width: usize,
+}
+
+impl Iterator for Runs {
+    type Item = Range<usize>;
+
+    #[inline(always)]
+    fn next(&mut self) -> Option<Range<usize>> {
+        if self.left == 0 {
+            return None;
+        }
+        let first = self.left.trailing_zeros() as usize;
+        let end = first + (self.left >> first).trailing_ones() as usize;
+        self.left = if end == 64 {
+            0
+        } else {
+            self.left & (u64::MAX << end)
+        };
+        let last_start = self.width.saturating_sub(BLOCK_PX);
+        Some((first * BLOCK_PX).min(last_start)..(end * BLOCK_PX).min(self.width))
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::Changes;
+    use super::{Blocks, Changes};
 
-    fn areas(changes: &Changes, rows: std::ops::Range<usize>, reach: usize) -> Vec<[usize; 4]> {
-        let mut areas = Vec::new();
-        changes.areas(rows, 4096, reach, |rows, columns| {
-            areas.push([rows.start, rows.end, columns.start, columns.end]);
-        });
-        areas
+    fn runs(blocks: Blocks, width: usize) -> Vec<[usize; 2]> {
+        blocks.runs(width).map(|run| [run.start, run.end]).collect()
     }
 
     #[test]
-    fn areas_are_the_marked_blocks_and_the_strips_in_reach() {
+    fn runs_are_the_blocks_marked_in_the_rows_in_reach() {
         let mut changes = Changes::default();
         changes.reset(40);
-        assert!(areas(&changes, 0..40, 2).is_empty());
+        assert_eq!(changes.blocks(3, 40), Blocks::NONE);
         changes.mark(18, 130, 200);
         for y in [3, 11] {
             changes.mark(y, 0, 0);
             changes.mark(y, 4095, 4095);
         }
-        assert_eq!(
-            areas(&changes, 0..40, 2),
-            [[0, 16, 0, 64], [0, 16, 4032, 4096], [16, 24, 128, 256]]
-        );
-        changes.mark(9, 0, 4095);
-        assert_eq!(areas(&changes, 8..16, 0), [[8, 16, 0, 4096]]);
+        for (y, reach, expected) in [
+            (18, 0, vec![[128, 256]]),
+            (17, 0, vec![]),
+            (16, 2, vec![[128, 256]]),
+            (21, 2, vec![]),
+            (9, 2, vec![[0, 64], [4032, 4096]]),
+            (15, 4, vec![[0, 64], [128, 256], [4032, 4096]]),
+            (39, 21, vec![[128, 256]]),
+        ] {
+            assert_eq!(runs(changes.blocks(y, reach), 4096), expected, "row {y}, {reach}");
+        }
     }
 
     #[test]
-    fn a_row_out_of_reach_of_a_strip_does_not_touch_it() {
+    fn a_run_has_the_length_of_a_block_or_the_rows() {
         let mut changes = Changes::default();
-        changes.reset(40);
-        changes.mark(18, 0, 0);
-        assert_eq!(areas(&changes, 0..40, 2), [[16, 24, 0, 64]]);
-        assert_eq!(areas(&changes, 0..40, 3), [[8, 24, 0, 64]]);
+        changes.reset(1);
+        changes.mark(0, 150, 150);
+        let blocks = changes.blocks(0, 0);
+        assert_eq!(runs(blocks, 200), [[128, 192]]);
+        assert_eq!(runs(blocks, 160), [[96, 160]]);
+        assert_eq!(runs(Blocks::ALL, 160), [[0, 160]]);
+        assert_eq!(runs(Blocks::ALL, 40), [[0, 40]]);
+        assert_eq!(runs(Blocks::ALL, 4096), [[0, 4096]]);
     }
 }

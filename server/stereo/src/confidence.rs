@@ -66,7 +66,9 @@ impl CostScale {
     #[inline(always)]
     fn of_cost(self, cost: u16) -> u8 {
         let near = FULL - ((cost.min(self.half_at) * self.steep) >> 8);
-        let beyond = cost.saturating_sub(self.half_at).min(self.valid_up_to - self.half_at);
+        let beyond = cost
+            .saturating_sub(self.half_at)
+            .min(self.valid_up_to - self.half_at);
         let far = (beyond * self.flat) >> 8;
         #[expect(clippy::cast_possible_truncation, reason = "at most 254")]
         let confidence = (near.saturating_sub(far)).max(1) as u8;

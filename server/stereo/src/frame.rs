@@ -97,6 +97,8 @@ pub(crate) struct Frame {
     /// D_f and C_f.
     disparity: Vec<u16>,
     cost: Vec<u8>,
+    /// Whether the frame has them yet.
+    has_costs: bool,
     confidence: Vec<u8>,
     half: Coarse,
     quarter: Coarse,
@@ -244,14 +246,10 @@ impl Frame {
             gradient: None,
         };
         let level = self.level;
-        // The left view has its gradient besides, so the right one's piece forgets the costs.
-        let views = [(left, None), (right, Some(&mut self.cost))];
-        fork_join::for_each(join, views.into_iter(), |_, (view, cost)| {
+        fork_join::for_each(join, [left, right].into_iter(), |_, view| {
             view.take_in(level, recipe.pattern);
-            if let Some(cost) = cost {
-                cost.fill(u8::MAX);
-            }
         });
+        self.has_costs = false;
         self.supports.clear();
         self.rasterised_vertices = 0;
     }

@@ -2,6 +2,7 @@ use proptest::prelude::*;
 
 use super::{Best, Evaluation, Scratch, Window};
 use crate::census::Pattern;
+use crate::changes::{Blocks, Changes};
 use crate::scene::{Image, Noise, Views, code};
 use crate::simd::Level;
 
@@ -20,13 +21,26 @@ impl Maps {
         let band = rows * evaluation.width;
         let bands = self.disparity.chunks_mut(band).zip(self.cost.chunks_mut(band));
         for (k, (disparity, cost)) in bands.enumerate() {
-            evaluation.update(
-                k * rows,
-                0..evaluation.width,
-                &mut Best { disparity, cost },
-                scratch,
-            );
+            evaluation.update(k * rows, |_| Blocks::ALL, &mut Best { disparity, cost }, scratch);
         }
+    }
+
+    /// Updates the blocks that are marked.
+    fn update_marked(&mut self, evaluation: &Evaluation<'_>, changes: &Changes, scratch: &mut Scratch) {
+        let Self { disparity, cost } = self;
+        evaluation.update(
+            0,
+            |y| changes.blocks(y, 0),
+            &mut Best { disparity, cost },
+            scratch,
+        );
+    }
+
+    /// The result of a frame that has none.
+    fn begin(mut self, evaluation: &Evaluation<'_>, scratch: &mut Scratch) -> Self {
+        let Self { disparity, cost } = &mut self;
+        evaluation.begin(0, &mut Best { disparity, cost }, scratch);
+        self
     }
 }
 
@@ -114,6 +128,29 @@ proptest! {
             maps.update(&evaluation, rows, &mut scratch);
             prop_assert!(maps == expected, "in bands of {}", rows);
         }
+        // Some blocks: those are as if all had been updated, all others as before.
+        let mut changes = Changes::default();
+        changes.reset(height);
+        for _ in 0..noise.below(height) {
+            let x = noise.below(width);
+            changes.mark(noise.below(height), x, x);
+        }
+        let mut maps = before.clone();
+        maps.update_marked(&evaluation, &changes, &mut scratch);
+        let mut some = before.clone();
+        for y in 0..height {
+            for run in changes.blocks(y, 0).runs(width) {
+                let run = y * width + run.start..y * width + run.end;
+                some.disparity[run.clone()].copy_from_slice(&expected.disparity[run.clone()]);
+                some.cost[run.clone()].copy_from_slice(&expected.cost[run]);
+            }
+        }
+        prop_assert!(maps == some, "of some blocks");
+        // The first time, whatever was there before.
+        let mut worst = before.clone();
+        worst.cost.fill(u8::MAX);
+        worst.update(&evaluation, height, &mut scratch);
+        prop_assert!(before.begin(&evaluation, &mut scratch) == worst, "the first time");
     }
 }
 

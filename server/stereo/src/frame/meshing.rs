@@ -1,7 +1,6 @@
 //! The stages of the mesh rungs: choose, search, insert, interpolate, propagate, evaluate.
 
 use super::{Frame, Stage, dense};
-use crate::changes::STRIP_PX;
 use crate::cost::{Best, Evaluation};
 use crate::disparity::FIXED_PER_PX;
 use crate::epipolar::Views;
@@ -20,8 +19,6 @@ const INSERTIONS_A_STEP: usize = 512;
 const PIXELS_A_STEP: usize = 65_536;
 /// Supports this far from the mesh, in px, are news to it.
 const NEWS_PX: f32 = 2.0;
-/// A window's reach around its pixel, at most.
-const WINDOW_REACH_PX: usize = 3;
 
 impl Frame {
     /// Fills `candidates`.
@@ -127,12 +124,8 @@ impl Frame {
         let (level, triangulation) = (self.level, &self.triangulation);
         let is_first = self.rasterised_vertices == 0;
         let first_new = self.rasterised_vertices;
-        if is_first {
-            changes.everything(height);
-        } else {
-            changes.reset(height);
-        }
-        let rows = height.div_ceil(fork_join::pieces(join));
+        changes.reset(height);
+        let (rows, reach) = (height.div_ceil(fork_join::pieces(join)), rung.window.radius());
         let parts = self
             .interpolated
             .chunks_mut(rows * width)
@@ -146,8 +139,8 @@ impl Frame {
                 width,
             };
             let mark = |y: usize, from: usize, to: usize| {
-                let end = (to + WINDOW_REACH_PX).min(width - 1);
-                changes.mark(y - piece * rows, from.saturating_sub(WINDOW_REACH_PX), end);
+                let end = (to + reach).min(width - 1);
+                changes.mark(y - piece * rows, from.saturating_sub(reach), end);
             };
             if is_first {
                 strip.fill(level, changed, max_fixed, |_, _, _| ());
@@ -157,6 +150,9 @@ impl Frame {
         });
         self.rasterised_vertices = self.triangulation.vertices();
         if let Work::Paper { occupancy_px } = rung.work {
+            if is_first {
+                self.cost.fill(u8::MAX);
+            }
             self.occupancy.reset(occupancy_px, self.width(), self.height());
         }
         Stage::Evaluate { row: 0 }
@@ -195,7 +191,7 @@ impl Frame {
             Work::Paper { .. } => PIXELS_A_STEP,
             _ => fork_join::in_a_step(join, PIXELS_A_STEP),
         };
-        let end = (row + (pixels / width).next_multiple_of(STRIP_PX)).min(height);
+        let end = (row + (pixels / width).max(1)).min(height);
         let band = row * width..end * width;
         // The result of a dense rung is not touched before it is replaced as a whole.
         let (from, to) = match rung.work {
@@ -218,7 +214,12 @@ impl Frame {
                 iteration.refine(row..end, &mut Best { disparity, cost }, &mut self.occupancy);
             }
             Work::Mesh { .. } | Work::Propagate | Work::Full | Work::HalfBand => {
-                let is_mesh = matches!(rung.work, Work::Mesh { .. });
+                // A window sees what changed next to it; a pixel that borrows is tested itself, no other.
+                let reach = if matches!(rung.work, Work::Mesh { .. }) {
+                    rung.window.radius()
+                } else {
+                    0
+                };
                 let evaluation = Evaluation {
                     level: self.level,
                     left: &self.left_census,
@@ -229,33 +230,26 @@ impl Frame {
                     window: rung.window,
                 };
                 let scratch = fork_join::scratch(join, &mut self.scratch);
-                let rows = (end - row).div_ceil(scratch.len()).next_multiple_of(STRIP_PX);
+                let rows = (end - row).div_ceil(scratch.len());
                 let parts = disparity.chunks_mut(rows * width);
                 let parts = parts.zip(cost.chunks_mut(rows * width)).zip(scratch);
-                let (changes, is_full) = (&self.changes, rung.work == Work::Full);
+                let (changes, is_first) = (&self.changes, !self.has_costs);
                 fork_join::for_each(join, parts, |piece, ((disparity, cost), scratch)| {
                     let first = row + piece * rows;
-                    if is_full {
-                        evaluation.correct(first, &mut Best { disparity, cost }, scratch);
-                        return;
+                    let best = &mut Best { disparity, cost };
+                    match rung.work {
+                        Work::Full => evaluation.correct(first, best, scratch),
+                        _ if is_first => evaluation.begin(first, best, scratch),
+                        _ => evaluation.update(first, |y| changes.blocks(y, reach), best, scratch),
                     }
-                    // A window sees what changed next to it; a pixel that borrows is tested itself, no other.
-                    let reach = if is_mesh { WINDOW_REACH_PX } else { 0 };
-                    let end = first + cost.len() / width;
-                    changes.areas(first..end, width, reach, |rows, columns| {
-                        let span = (rows.start - first) * width..(rows.end - first) * width;
-                        let mut best = Best {
-                            disparity: &mut disparity[span.clone()],
-                            cost: &mut cost[span],
-                        };
-                        evaluation.update(rows.start, columns, &mut best, scratch);
-                    });
                 });
             }
         }
         if end < height {
-            Some(Stage::Evaluate { row: end })
-        } else if rung.work == Work::Full {
+            return Some(Stage::Evaluate { row: end });
+        }
+        self.has_costs = true;
+        if rung.work == Work::Full {
             Some(Stage::Dense(dense::Part::Smooth))
         } else {
             Some(Stage::Publish)

@@ -31,7 +31,7 @@ proptest! {
             let mut marked = vec![false; width * height];
             for y in 0..height {
                 // A row by itself, from its own marks only.
-                changes.areas(y..y + 1, width, 0, |_, columns| marked[y * width..][columns].fill(true));
+                for columns in changes.blocks(y, 0).runs(width) { marked[y * width..][columns].fill(true); }
             }
             for at in 0..width * height {
                 let (x, y) = (at % width, at / width);
