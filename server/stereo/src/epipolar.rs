@@ -13,6 +13,7 @@
 //! A single census word is far too weak to be searched with (a third of such matches are wrong); the taps spread over a
 //! small window make it strong.
 
+use std::marker::PhantomData;
 use std::ops::Range;
 
 use crate::census::{Census, Pattern};
@@ -23,54 +24,87 @@ use crate::support::{Candidate, Support};
 /// Disparities of one search at most.
 pub(crate) const MAX_DISPARITIES: usize = 256;
 
-/// Offsets (dx, dy) whose census words are summed.
-pub(crate) type Taps = &'static [(i8, i8)];
+/// Taps of one row.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct TapRow {
+    dy: i8,
+    /// Columns, at most [`TAP_REACH_PX`] away.
+    dx: &'static [i8],
+}
 
-/// A 3x3 grid 4 px apart with the four points between: 13 words for the reach of 81.
-pub(crate) const QUINCUNX: Taps = &[
-    (-4, -4),
-    (0, -4),
-    (4, -4),
-    (-2, -2),
-    (2, -2),
-    (-4, 0),
-    (0, 0),
-    (4, 0),
-    (-2, 2),
-    (2, 2),
-    (-4, 4),
-    (0, 4),
-    (4, 4),
-];
+/// Furthest column of a tap.
+const TAP_REACH_PX: usize = 4;
 
-/// Every pixel of a 5x5 window.
-pub(crate) const WINDOW_5X5: Taps = &[
-    (-2, -2),
-    (-1, -2),
-    (0, -2),
-    (1, -2),
-    (2, -2),
-    (-2, -1),
-    (-1, -1),
-    (0, -1),
-    (1, -1),
-    (2, -1),
-    (-2, 0),
-    (-1, 0),
-    (0, 0),
-    (1, 0),
-    (2, 0),
-    (-2, 1),
-    (-1, 1),
-    (0, 1),
-    (1, 1),
-    (2, 1),
-    (-2, 2),
-    (-1, 2),
-    (0, 2),
-    (1, 2),
-    (2, 2),
-];
+/// Offsets whose census words are summed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Taps {
+    /// A 3x3 grid 4 px apart with the four points between: 13 words for the reach of 81.
+    Quincunx,
+    /// Every pixel of a 5x5 window.
+    Window5x5,
+}
+
+/// Taps that are known when the search is compiled.
+trait Known {
+    const ROWS: &'static [TapRow];
+    /// How many they are.
+    const COUNT: usize = {
+        let (mut count, mut row) = (0, 0);
+        while row < Self::ROWS.len() {
+            count += Self::ROWS[row].dx.len();
+            row += 1;
+        }
+        count
+    };
+}
+
+struct Quincunx;
+
+impl Known for Quincunx {
+    const ROWS: &'static [TapRow] = &[
+        TapRow {
+            dy: -4,
+            dx: &[-4, 0, 4],
+        },
+        TapRow { dy: -2, dx: &[-2, 2] },
+        TapRow {
+            dy: 0,
+            dx: &[-4, 0, 4],
+        },
+        TapRow { dy: 2, dx: &[-2, 2] },
+        TapRow {
+            dy: 4,
+            dx: &[-4, 0, 4],
+        },
+    ];
+}
+
+struct Window5x5;
+
+impl Known for Window5x5 {
+    const ROWS: &'static [TapRow] = &[
+        TapRow {
+            dy: -2,
+            dx: &[-2, -1, 0, 1, 2],
+        },
+        TapRow {
+            dy: -1,
+            dx: &[-2, -1, 0, 1, 2],
+        },
+        TapRow {
+            dy: 0,
+            dx: &[-2, -1, 0, 1, 2],
+        },
+        TapRow {
+            dy: 1,
+            dx: &[-2, -1, 0, 1, 2],
+        },
+        TapRow {
+            dy: 2,
+            dx: &[-2, -1, 0, 1, 2],
+        },
+    ];
+}
 
 /// What makes a match good enough to be a support point.
 #[derive(Debug, Clone, Copy)]
@@ -116,103 +150,153 @@ impl Search {
         candidates: &[Candidate],
         found: &mut Vec<Support>,
     ) {
+        match self.taps {
+            Taps::Quincunx => self.search_with::<Quincunx>(level, views, candidates, found),
+            Taps::Window5x5 => self.search_with::<Window5x5>(level, views, candidates, found),
+        }
+    }
+
+    fn search_with<T: Known>(
+        &self,
+        level: Level,
+        views: &Views<'_>,
+        candidates: &[Candidate],
+        found: &mut Vec<Support>,
+    ) {
+        let bits = u16::try_from(T::COUNT * views.pattern.bits()).unwrap_or(u16::MAX);
         level.run(SearchAll {
             search: self,
             views,
+            words: [Words::of(views.left), Words::of(views.right)],
+            max_cost: self.max_cost * f32::from(bits),
             candidates,
             found,
+            taps: PhantomData::<T>,
         });
     }
+}
 
-    /// The disparity of the left view's pixel in px above the smallest, if it can be trusted.
-    #[inline(always)]
-    fn disparity_px<L: Lanes>(
-        &self,
-        lanes: L,
-        views: &Views<'_>,
-        taps: &TapsOf<'_>,
-        at: Candidate,
-    ) -> Option<f32> {
-        let Candidate { x, y } = at;
-        let Range { start: lowest, end } = views.searched(x, y)?;
-        let mut costs = Costs::default();
-        let n = end - lowest;
-        let (left, right) = (
-            taps.left.at(views.left.index(x), y),
-            taps.right.at(views.right_index(x) + lowest, y),
-        );
-        sum_costs(lanes, left, right, n, &mut costs);
-        let (least, best) = lanes.first_least(costs.searched(n));
-        let worst_possible =
-            f32::from(u16::try_from(self.taps.len() * views.pattern.bits()).unwrap_or(u16::MAX));
-        if f32::from(least) > self.max_cost * worst_possible {
-            return None;
+/// A candidate's best match.
+#[derive(Debug, Clone, Copy, Default)]
+struct Match {
+    at: Candidate,
+    /// Disparities that were searched.
+    lowest: usize,
+    end: usize,
+    /// The best one, and its cost between those of its neighbours.
+    disparity: usize,
+    costs: [u16; 3],
+}
+
+impl Match {
+    /// Offset in -0.5..=0.5 of the minimum of two lines of equal slope through the best cost and its neighbours.
+    fn offset_px(&self) -> f32 {
+        if self.disparity == self.lowest || self.disparity + 1 >= self.end {
+            return 0.0;
         }
-        let whole = f32::from(u16::try_from(lowest + best).unwrap_or(u16::MAX));
-        let offset = if self.subpixel {
-            equiangular(&costs.searched(n)[..n], best)
-        } else {
+        let [before, here, after] = self.costs.map(f32::from);
+        let steepest = before.max(after) - here;
+        if steepest <= 0.0 {
             0.0
-        };
-        costs.forget_around(best);
-        let (elsewhere, _) = lanes.first_least(costs.searched(n));
-        // If nothing is that far, uniqueness can't be told.
-        if elsewhere == u16::MAX || f32::from(least) >= self.uniqueness * f32::from(elsewhere) {
-            return None;
+        } else {
+            (before - after) / (2.0 * steepest)
         }
-        let disparity = lowest + best;
-        // Back from the right view's pixel `x - d`: the left view's candidates are `x - d + d'`. It may lie left of the
-        // window, where the left view has no candidates but further right.
-        let skipped = lowest.max(disparity.saturating_sub(x));
-        let first = x + skipped - disparity;
-        let n = (views.end(lowest) - skipped).min(views.width - first);
-        let (right, left) = (
-            taps.right.at(views.right_index(x) + disparity, y),
-            taps.left.at(views.left.index(first), y),
-        );
-        sum_costs(lanes, right, left, n, &mut costs);
-        let (_, back) = lanes.first_least(costs.searched(n));
-        ((back + skipped).abs_diff(disparity) <= self.left_right_px).then_some((whole + offset).max(0.0))
     }
 }
 
-struct SearchAll<'a> {
+/// Candidates searched before any is searched back.
+const BATCH: usize = 64;
+
+struct SearchAll<'a, T> {
     search: &'a Search,
     views: &'a Views<'a>,
+    /// The left and the right view's.
+    words: [Words<'a>; 2],
+    max_cost: f32,
     candidates: &'a [Candidate],
     found: &'a mut Vec<Support>,
+    taps: PhantomData<T>,
 }
 
-impl Kernel for SearchAll<'_> {
+impl<T: Known> Kernel for SearchAll<'_, T> {
     type Output = ();
 
     #[inline(always)]
-    fn run<L: Lanes>(self, lanes: L) {
-        let Self {
-            search,
-            views,
-            candidates,
-            found,
-        } = self;
-        let taps = TapsOf {
-            left: TapsOfView::new(views.left, search.taps, 1),
-            right: TapsOfView::new(views.right, search.taps, -1),
-        };
-        for &candidate in candidates {
-            if let Some(disparity_px) = search.disparity_px(lanes, views, &taps, candidate) {
-                let Candidate { x, y } = candidate;
-                found.push(Support { x, y, disparity_px });
+    fn run<L: Lanes>(mut self, lanes: L) {
+        let mut costs = Costs::default();
+        for batch in self.candidates.chunks(BATCH) {
+            // No search waits for what the one before decides: a wrong guess costs as much as a search.
+            let mut matches = [Match::default(); BATCH];
+            let mut matched = 0;
+            for &candidate in batch {
+                let is_match = self.look(lanes, candidate, &mut costs, &mut matches[matched]);
+                matched += usize::from(is_match);
+            }
+            for found in &matches[..matched] {
+                self.look_back(lanes, found, &mut costs);
             }
         }
     }
 }
 
-impl Views<'_> {
-    /// Where the right view's column `x` (disparity 0) is in a mirrored row; disparity d is d further.
-    pub(crate) fn right_index(&self, x: usize) -> usize {
-        self.right.index(0).wrapping_sub(x)
+impl<T: Known> SearchAll<'_, T> {
+    /// Whether a candidate has a match that looks like it, and nothing else does.
+    #[inline(always)]
+    fn look<L: Lanes>(&self, lanes: L, at: Candidate, costs: &mut Costs, found: &mut Match) -> bool {
+        let Candidate { x, y } = at;
+        let Some(Range { start: lowest, end }) = self.views.searched(x, y) else {
+            return false;
+        };
+        let n = end - lowest;
+        let [left, right] = &self.words;
+        let (one, many) = (left.position(x, y), right.position(0, y).wrapping_sub(x) + lowest);
+        sum_costs::<L, T, false>(lanes, (left, one), (right, many), n, costs);
+        let (least, best, elsewhere) = lanes.first_least_and_else(costs.searched(n), Costs::SAME_PX);
+        *found = Match {
+            at,
+            lowest,
+            end,
+            disparity: lowest + best,
+            costs: costs.around(best),
+        };
+        let (cost, other) = (f32::from(least), f32::from(elsewhere));
+        // If nothing is that far, uniqueness can't be told.
+        (cost <= self.max_cost) & (elsewhere < u16::MAX) & (cost < self.search.uniqueness * other)
     }
 
+    /// Keeps a match if the right view's pixel has the left one's for its own.
+    #[inline(always)]
+    fn look_back<L: Lanes>(&mut self, lanes: L, found: &Match, costs: &mut Costs) {
+        let (Candidate { x, y }, disparity) = (found.at, found.disparity);
+        // From the right view's pixel `x - d` the left view's candidates are `x - d + d'`. It may lie left of the window, where
+        // the left view has no candidates but further right.
+        let skipped = found.lowest.max(disparity.saturating_sub(x));
+        let first = x + skipped - disparity;
+        let n = (self.views.end(found.lowest) - skipped).min(self.views.width - first);
+        let [left, right] = &self.words;
+        let (one, many) = (
+            right.position(0, y).wrapping_sub(x) + disparity,
+            left.position(first, y),
+        );
+        sum_costs::<L, T, true>(lanes, (right, one), (left, many), n, costs);
+        let (_, back) = lanes.first_least(costs.searched(n));
+        if (back + skipped).abs_diff(disparity) <= self.search.left_right_px {
+            let whole = f32::from(u16::try_from(disparity).unwrap_or(u16::MAX));
+            let offset = if self.search.subpixel {
+                found.offset_px()
+            } else {
+                0.0
+            };
+            self.found.push(Support {
+                x,
+                y,
+                disparity_px: (whole + offset).max(0.0),
+            });
+        }
+    }
+}
+
+impl Views<'_> {
     /// End of the disparities searched from `lowest` on.
     #[inline(always)]
     fn end(&self, lowest: usize) -> usize {
@@ -263,140 +347,120 @@ impl Costs {
         &self.0[Self::MARGIN..][..n.next_multiple_of(BLOCK)]
     }
 
-    /// As if `best` and what is as good as the same had not been searched.
+    /// The cost `best`, between its neighbours'.
     #[inline(always)]
-    fn forget_around(&mut self, best: usize) {
-        let first = Self::MARGIN + best - Self::SAME_PX;
-        self.0[first..first + 2 * Self::SAME_PX + 1].fill(u16::MAX);
+    fn around(&self, best: usize) -> [u16; 3] {
+        let at = Self::MARGIN + best;
+        [self.0[at - 1], self.0[at], self.0[at + 1]]
     }
 }
 
 /// Costs are compared in blocks of this length, the longest vector.
 const BLOCK: usize = MOST_BYTES;
-/// Taps and planes of any preset.
-const MOST_TAPS: usize = 25;
+/// Planes of any pattern.
 const MOST_PLANES: usize = 3;
 
-struct TapsOf<'a> {
-    left: TapsOfView<'a>,
-    right: TapsOfView<'a>,
-}
-
-/// Where the words of all taps are in one view, whatever the pixel.
-struct TapsOfView<'a> {
+/// A view's words.
+struct Words<'a> {
     planes: [&'a [u8]; MOST_PLANES],
     census: &'a Census,
-    offsets: [isize; MOST_TAPS],
-    taps: usize,
 }
 
-impl<'a> TapsOfView<'a> {
-    /// `step` is 1, or -1 where the rows are mirrored.
-    fn new(census: &'a Census, taps: Taps, step: isize) -> Self {
-        let mut view = Self {
-            planes: [&[]; MOST_PLANES],
-            census,
-            offsets: [0; MOST_TAPS],
-            taps: taps.len(),
-        };
-        for (data, plane) in view.planes.iter_mut().zip(census.planes()) {
+impl<'a> Words<'a> {
+    fn of(census: &'a Census) -> Self {
+        let mut planes: [&[u8]; MOST_PLANES] = [&[]; _];
+        for (data, plane) in planes.iter_mut().zip(census.planes()) {
             *data = plane.bytes();
         }
-        for (offset, &(dx, dy)) in view.offsets.iter_mut().zip(taps) {
-            *offset = isize::from(dy) * census.planes()[0].stride().cast_signed() + step * isize::from(dx);
-        }
-        view
+        Self { planes, census }
     }
 
-    /// The words around `index` of row `y`.
+    /// Where the word of a pixel is in its plane.
     #[inline(always)]
-    fn at(&self, index: usize, y: usize) -> Around<'_> {
-        Around {
-            planes: &self.planes[..self.census.planes().len()],
-            offsets: &self.offsets[..self.taps],
-            at: self.census.planes()[0].position(index, y),
-        }
+    fn position(&self, x: usize, y: usize) -> usize {
+        self.census.planes()[0].position(self.census.index(x), y)
     }
-}
-
-/// A view's words around a pixel.
-#[derive(Clone, Copy)]
-struct Around<'a> {
-    planes: &'a [&'a [u8]],
-    offsets: &'a [isize],
-    at: usize,
 }
 
 /// The cost of disparity `d < n`: Hamming distance of the words around `one` to the words around `many`, `d` further in
-/// its rows; the rest of the last block is as large as can be.
+/// its rows; the rest of the last block is as large as can be. The right view's rows are mirrored: it is `one` in a search `BACK`.
 #[inline(always)]
-fn sum_costs<L: Lanes>(lanes: L, one: Around<'_>, many: Around<'_>, n: usize, costs: &mut Costs) {
+fn sum_costs<L: Lanes, T: Known, const BACK: bool>(
+    lanes: L,
+    one: (&Words<'_>, usize),
+    (many, at): (&Words<'_>, usize),
+    n: usize,
+    costs: &mut Costs,
+) {
     let mut done = 0;
     while done < n {
+        let many = (many, at + done);
         // Two vectors at a time share the words of the one.
         if done + L::BYTES < n {
-            sum_vectors::<L, 2>(lanes, one, many, done, costs);
+            sum_vectors::<L, T, BACK, 2>(lanes, one, many, &mut costs.0[Costs::MARGIN + done..]);
             done += 2 * L::BYTES;
         } else {
-            sum_vectors::<L, 1>(lanes, one, many, done, costs);
+            sum_vectors::<L, T, BACK, 1>(lanes, one, many, &mut costs.0[Costs::MARGIN + done..]);
             done += L::BYTES;
         }
     }
     costs.0[Costs::MARGIN + n..Costs::MARGIN + n.next_multiple_of(BLOCK)].fill(u16::MAX);
 }
 
-/// `N` vectors of costs from disparity `first` on. Their sums stay in registers over all taps.
+/// `N` vectors of costs. Their sums stay in registers over all taps.
 #[inline(always)]
-fn sum_vectors<L: Lanes, const N: usize>(
+fn sum_vectors<L: Lanes, T: Known, const BACK: bool, const N: usize>(
     lanes: L,
-    one: Around<'_>,
-    many: Around<'_>,
-    first: usize,
-    costs: &mut Costs,
+    (one, one_at): (&Words<'_>, usize),
+    (many, many_at): (&Words<'_>, usize),
+    costs: &mut [u16],
 ) {
-    // Bytes are twice as fast as 16 bits, as long as a sum fits one.
-    let taps_that_fit = usize::from(u8::MAX) / (8 * one.planes.len());
-    let costs = &mut costs.0[Costs::MARGIN + first..][..N * L::BYTES];
-    let taps = one.offsets.len();
-    for from in (0..taps).step_by(taps_that_fit) {
-        let mut sums = [lanes.splat(0); N];
-        for tap in from..(from + taps_that_fit).min(taps) {
-            let at = one.at.wrapping_add_signed(one.offsets[tap]);
+    let planes = one.census.planes();
+    let stride = planes[0].stride().cast_signed();
+    let many_stride = many.census.planes()[0].stride().cast_signed();
+    // Bytes are twice as fast as 16 bits, as long as a sum fits one; all taps of a plane do.
+    let planes_that_fit = usize::from(u8::MAX) / (8 * T::COUNT);
+    let mut sums = [lanes.splat(0); N];
+    for p in 0..planes.len() {
+        if p > 0 && p % planes_that_fit == 0 {
+            add_to_costs(lanes, &sums, costs, p == planes_that_fit);
+            sums = [lanes.splat(0); N];
+        }
+        for row in T::ROWS {
             // Rows have margins of a block more than any disparity reaches.
-            let start = many.at.wrapping_add_signed(many.offsets[tap]) + first;
-            for (one, many) in one.planes.iter().zip(many.planes) {
-                let word = lanes.splat(one[at]);
-                let words = &many[start..start + N * L::BYTES];
+            let dy = isize::from(row.dy);
+            let ones = one_at.wrapping_add_signed(dy * stride) - TAP_REACH_PX;
+            let ones = &one.planes[p][ones..][..2 * TAP_REACH_PX + 1];
+            let words = many_at.wrapping_add_signed(dy * many_stride) - TAP_REACH_PX;
+            let words = &many.planes[p][words..][..2 * TAP_REACH_PX + N * L::BYTES];
+            for &dx in row.dx {
+                // Their order in the left and in the right view's rows.
+                let (along, against) = (
+                    TAP_REACH_PX.wrapping_add_signed(dx.into()),
+                    TAP_REACH_PX.wrapping_add_signed(-isize::from(dx)),
+                );
+                let (one_at, many_at) = if BACK { (against, along) } else { (along, against) };
+                let word = lanes.splat(ones[one_at]);
                 for (k, sum) in sums.iter_mut().enumerate() {
-                    let differing = lanes.xor(word, lanes.load(&words[k * L::BYTES..]));
+                    let differing = lanes.xor(word, lanes.load(&words[many_at + k * L::BYTES..]));
                     *sum = lanes.add(*sum, lanes.count_ones(differing));
                 }
             }
         }
-        for (k, sum) in sums.into_iter().enumerate() {
-            let mut bytes = [0; MOST_BYTES];
-            lanes.store(sum, &mut bytes);
-            let costs = &mut costs[k * L::BYTES..][..L::BYTES];
-            for (cost, sum) in costs.iter_mut().zip(&bytes) {
-                let before = if from == 0 { 0 } else { *cost };
-                *cost = before + u16::from(*sum);
-            }
-        }
     }
+    add_to_costs(lanes, &sums, costs, planes.len() <= planes_that_fit);
 }
 
-/// Offset in -0.5..=0.5 of the minimum of two lines of equal slope through the best cost and its neighbours.
+/// Adds sums in bytes to `costs`, or replaces them.
 #[inline(always)]
-fn equiangular(costs: &[u16], best: usize) -> f32 {
-    if best == 0 || best + 1 >= costs.len() {
-        return 0.0;
-    }
-    let [before, here, after] = [best - 1, best, best + 1].map(|d| f32::from(costs[d]));
-    let steepest = before.max(after) - here;
-    if steepest <= 0.0 {
-        0.0
-    } else {
-        (before - after) / (2.0 * steepest)
+fn add_to_costs<L: Lanes, const N: usize>(lanes: L, sums: &[L::V; N], costs: &mut [u16], replaces: bool) {
+    for (sum, costs) in sums.iter().zip(costs.chunks_exact_mut(L::BYTES)) {
+        let mut bytes = [0; MOST_BYTES];
+        lanes.store(*sum, &mut bytes);
+        for (cost, sum) in costs.iter_mut().zip(&bytes) {
+            let before = if replaces { 0 } else { *cost };
+            *cost = before + u16::from(*sum);
+        }
     }
 }
 

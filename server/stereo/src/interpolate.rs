@@ -56,6 +56,15 @@ struct Edge {
 }
 
 impl Edge {
+    /// `rows` further down.
+    #[inline(always)]
+    fn after(self, rows: i64) -> Self {
+        Self {
+            column: self.column + self.step * rows,
+            ..self
+        }
+    }
+
     /// From a vertex (u, v) to one that is not higher. Both triangles of an edge compute the same columns, so that no pixel
     /// between them is lost.
     #[inline(always)]
@@ -79,39 +88,47 @@ pub(crate) fn scan_lines(vertices: &[Vertex; 3], row: impl FnMut(usize, usize, u
 #[expect(clippy::cast_possible_truncation, reason = "whole pixels of an image")]
 #[expect(clippy::cast_sign_loss, reason = "vertices have no negative coordinates")]
 fn scan_lines_within(vertices: &[Vertex; 3], rows: Range<i64>, mut row: impl FnMut(usize, usize, usize)) {
-    let mut sorted = [(0, 0); 3];
-    for (sorted, vertex) in sorted.iter_mut().zip(vertices) {
-        *sorted = (vertex.u as i64, vertex.v as i64);
-    }
-    sorted.sort_by_key(|&(_, v)| v);
-    let [top, middle, bottom] = sorted;
-    let (mut long, mut short) = (Edge::down(top, bottom), Edge::down(top, middle));
-    let first = top.1.max(rows.start);
-    long.column += long.step * (first - top.1);
-    if first > middle.1 {
-        short = Edge::down(middle, bottom);
-        short.column += short.step * (first - middle.1);
-    } else {
-        short.column += short.step * (first - top.1);
-    }
-    for v in first..(bottom.1 + 1).min(rows.end) {
-        // A horizontal edge is covered whole by the row of the middle vertex; without height, that is the only row.
-        if v == middle.1 {
-            short = Edge::down(middle, bottom);
+    let [top, middle, bottom] = from_top(vertices);
+    let long = Edge::down(top, bottom);
+    // Without height it is the line from its first to its last vertex.
+    let (is_line, line_end) = (top.1 == bottom.1, bottom.0 << EDGE_BITS);
+    let long_is_left = is_line || long.column + long.step * (middle.1 - top.1) < middle.0 << EDGE_BITS;
+    // A horizontal edge is covered whole by the row of the middle vertex.
+    for (from, to, end) in [(top, middle, middle.1), (middle, bottom, bottom.1 + 1)] {
+        let (first, end) = (from.1.max(rows.start), end.min(rows.end));
+        let mut short = Edge::down(from, to).after(first - from.1);
+        short.column = if is_line { line_end } else { short.column };
+        let long = long.after(first - top.1);
+        let (mut left, mut right) = if long_is_left {
+            (long, short)
+        } else {
+            (short, long)
+        };
+        left.column += (1 << EDGE_BITS) - 1 - EDGE_SLACK;
+        right.column += EDGE_SLACK;
+        for v in first..end {
+            let (first, last) = (left.column >> EDGE_BITS, right.column >> EDGE_BITS);
+            if first <= last {
+                row(v as usize, first as usize, last as usize);
+            }
+            left.column += left.step;
+            right.column += right.step;
         }
-        let (mut one, mut other) = (long.column.min(short.column), long.column.max(short.column));
-        if top.1 == bottom.1 {
-            let end = bottom.0 << EDGE_BITS;
-            (one, other) = (one.min(end), other.max(end));
-        }
-        let first = (one - EDGE_SLACK + (1 << EDGE_BITS) - 1) >> EDGE_BITS;
-        let last = (other + EDGE_SLACK) >> EDGE_BITS;
-        if first <= last {
-            row(v as usize, first as usize, last as usize);
-        }
-        long.column += long.step;
-        short.column += short.step;
     }
+}
+
+/// The vertices (u, v) from the top down, and from left to right where they are alike high.
+#[inline(always)]
+#[expect(clippy::cast_possible_truncation, reason = "whole pixels of an image")]
+fn from_top(vertices: &[Vertex; 3]) -> [(i64, i64); 3] {
+    // As one number each, they are sorted without a branch.
+    let one = |vertex: &Vertex| i64::from(vertex.v as i32) << 32 | i64::from(vertex.u as i32);
+    let [a, b, c] = [one(&vertices[0]), one(&vertices[1]), one(&vertices[2])];
+    let (low, high) = (a.min(b), a.max(b));
+    let (middle, last) = (high.min(c), high.max(c));
+    let (first, middle) = (low.min(middle), low.max(middle));
+    let two = |vertex: i64| (vertex & i64::from(u32::MAX), vertex >> 32);
+    [two(first), two(middle), two(last)]
 }
 
 /// Fills a whole map.
@@ -197,7 +214,7 @@ impl<T: Iterator<Item = [Vertex; 3]>, F: FnMut(usize, usize, usize)> Kernel for 
             scan_lines_within(&vertices, rows.clone(), |y, from, to| {
                 filled(y, from, to);
                 let at = (y - first_row) * width;
-                let row = &mut map[at + from..=at + to];
+                let row = &mut map[at + from..at + to + 1];
                 lanes.ramp(row, ramp.at(from, y), (ramp.a >> 16) as i32, max);
             });
         }

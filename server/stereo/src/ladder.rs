@@ -5,7 +5,7 @@
 use crate::census::Pattern;
 use crate::confidence::Curve;
 use crate::cost::Window;
-use crate::epipolar::{QUINCUNX, Search, WINDOW_5X5};
+use crate::epipolar::{Search, Taps};
 use crate::params::Preset;
 use crate::support::Consistency;
 
@@ -90,7 +90,7 @@ const MESH: Recipe = Recipe {
     pattern: Pattern::Sparse9x7,
     detector: Detector::StrongestPerCell,
     search: Search {
-        taps: QUINCUNX,
+        taps: Taps::Quincunx,
         max_cost: 0.35,
         uniqueness: 0.72,
         left_right_px: 1,
@@ -143,7 +143,7 @@ static PAPER: Recipe = Recipe {
     pattern: Pattern::Full5x5,
     detector: Detector::FastInBins,
     search: Search {
-        taps: WINDOW_5X5,
+        taps: Taps::Window5x5,
         max_cost: 0.35,
         // Unpublished: the best of 0.6, 0.7 and 0.8 on ten KITTI 2012 scenes.
         uniqueness: 0.7,

@@ -4,7 +4,7 @@ use crate::gradient::Gradient;
 use crate::simd::{Kernel, Lanes, Level};
 
 /// A pixel of the left view to be searched for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub(crate) struct Candidate {
     pub(crate) x: usize,
     pub(crate) y: usize,

@@ -1,13 +1,13 @@
 use proptest::prelude::*;
 
-use super::{QUINCUNX, Search, Views, WINDOW_5X5};
+use super::{Known, Quincunx, Search, TapRow, Taps, Views, Window5x5};
 use crate::census::Pattern;
 use crate::scene::{self, Image, Noise, code};
 use crate::simd::Level;
 use crate::support::Candidate;
 
 const STRICT: Search = Search {
-    taps: QUINCUNX,
+    taps: Taps::Quincunx,
     max_cost: 0.35,
     uniqueness: 0.72,
     left_right_px: 1,
@@ -22,6 +22,14 @@ const ANY_COST: Search = Search {
 };
 
 const DISPARITIES: usize = 48;
+
+fn offsets(taps: Taps) -> impl Iterator<Item = (i8, i8)> {
+    let rows: &[TapRow] = match taps {
+        Taps::Quincunx => Quincunx::ROWS,
+        Taps::Window5x5 => Window5x5::ROWS,
+    };
+    rows.iter().flat_map(|row| row.dx.iter().map(|&dx| (dx, row.dy)))
+}
 
 /// A window's codes and the columns before it.
 struct Scene {
@@ -69,7 +77,7 @@ impl Scene {
     /// Differing bits between the left view around `left_x` and the right view around `right_x`.
     fn cost(&self, search: &Search, left_x: isize, right_x: isize, y: usize) -> u32 {
         let mut bits = 0;
-        for &(dx, dy) in search.taps {
+        for (dx, dy) in offsets(search.taps) {
             for plane in 0..self.pattern.planes().len() {
                 let left = code(&self.codes.left, plane, false, left_x + isize::from(dx), (y, dy));
                 let right = code(&self.codes.right, plane, true, right_x + isize::from(dx), (y, dy));
@@ -91,7 +99,7 @@ impl Scene {
             .collect();
         let (best, cost) = first_least(&costs)?;
         let as_f32 = |cost: u32| f32::from(u16::try_from(cost).unwrap());
-        let bits = u32::try_from(search.taps.len() * self.pattern.bits()).unwrap();
+        let bits = u32::try_from(offsets(search.taps).count() * self.pattern.bits()).unwrap();
         let elsewhere = costs
             .iter()
             .filter(|(d, _)| d.abs_diff(best) > 2)
@@ -234,7 +242,7 @@ proptest! {
             if dirty.at(x, y) == 0 { dirty.at(y, x) } else { shifted.at(x, y) }
         });
         let pattern = if full { Pattern::Full5x5 } else { Pattern::Sparse9x7 };
-        let taps = if window { WINDOW_5X5 } else { QUINCUNX };
+        let taps = if window { Taps::Window5x5 } else { Taps::Quincunx };
         let search = Search { taps, max_cost, uniqueness, left_right_px, subpixel };
         let mut scene = Scene::new(pattern, [&left, &right], (before, width), 16 * sixteenths);
         scene.columns_before -= smallest.cast_signed();

@@ -2,14 +2,14 @@
 
 use std::arch::x86_64::{
     __m256i, _mm_cvtsi128_si32, _mm_loadu_si128, _mm_min_epu16, _mm_minpos_epu16, _mm_storeu_si128,
-    _mm256_add_epi8, _mm256_add_epi16, _mm256_adds_epu8, _mm256_and_si256, _mm256_avg_epu8,
+    _mm256_abs_epi16, _mm256_add_epi8, _mm256_add_epi16, _mm256_adds_epu8, _mm256_and_si256, _mm256_avg_epu8,
     _mm256_blendv_epi8, _mm256_broadcastsi128_si256, _mm256_bslli_epi128, _mm256_bsrli_epi128,
-    _mm256_castsi256_si128, _mm256_cmpeq_epi8, _mm256_cmpeq_epi16, _mm256_cvtepu8_epi16,
+    _mm256_castsi256_si128, _mm256_cmpeq_epi8, _mm256_cmpeq_epi16, _mm256_cmpgt_epi16, _mm256_cvtepu8_epi16,
     _mm256_extracti128_si256, _mm256_loadu_si256, _mm256_max_epu8, _mm256_max_epu16, _mm256_min_epu8,
     _mm256_min_epu16, _mm256_movemask_epi8, _mm256_or_si256, _mm256_permute2x128_si256, _mm256_set_m128i,
     _mm256_set1_epi8, _mm256_set1_epi16, _mm256_setr_epi8, _mm256_setr_epi16, _mm256_shuffle_epi8,
     _mm256_shuffle_epi32, _mm256_slli_epi16, _mm256_srli_epi16, _mm256_storeu_si256, _mm256_sub_epi8,
-    _mm256_subs_epu8, _mm256_unpackhi_epi8, _mm256_unpacklo_epi8, _mm256_xor_si256,
+    _mm256_sub_epi16, _mm256_subs_epu8, _mm256_unpackhi_epi8, _mm256_unpacklo_epi8, _mm256_xor_si256,
 };
 
 use super::Kernel;
@@ -284,14 +284,37 @@ impl Lanes for Avx2 {
             }
             let least = least_of_16(least);
             let wanted = _mm256_set1_epi16(least.cast_signed());
-            for (k, block) in blocks.iter().enumerate() {
+            let mut first = 0;
+            // From the last to the first, without a branch that would depend on the values.
+            for (k, block) in blocks.iter().enumerate().rev() {
                 let equal = _mm256_cmpeq_epi16(_mm256_loadu_si256(block.as_ptr().cast()), wanted);
                 let bits = _mm256_movemask_epi8(equal);
-                if bits != 0 {
-                    return (least, k * LABELS + bits.trailing_zeros() as usize / 2);
-                }
+                let here = k * LABELS + bits.trailing_zeros() as usize / 2;
+                first = if bits == 0 { first } else { here };
             }
-            (least, 0)
+            (least, first)
+        }
+    }
+
+    #[inline(always)]
+    #[expect(clippy::cast_possible_truncation, reason = "at most 256 values")]
+    #[expect(clippy::cast_possible_wrap, reason = "at most 256 values")]
+    fn first_least_and_else(self, values: &[u16], apart: usize) -> (u16, usize, u16) {
+        let (least, first) = self.first_least(values);
+        let blocks = values.as_chunks::<LABELS>().0;
+        // SAFETY: `self` proves that AVX2 is there; every block has as many values as are read.
+        unsafe {
+            let beside = _mm256_set1_epi16(apart as i16 + 1);
+            let ascending = _mm256_setr_epi16(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
+            let mut away = _mm256_sub_epi16(ascending, _mm256_set1_epi16(first as i16));
+            let mut elsewhere = _mm256_set1_epi16(-1);
+            for block in blocks {
+                let near = _mm256_cmpgt_epi16(beside, _mm256_abs_epi16(away));
+                let block = _mm256_loadu_si256(block.as_ptr().cast());
+                elsewhere = _mm256_min_epu16(elsewhere, _mm256_or_si256(block, near));
+                away = _mm256_add_epi16(away, _mm256_set1_epi16(16));
+            }
+            (least, first, least_of_16(elsewhere))
         }
     }
 }

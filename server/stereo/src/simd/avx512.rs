@@ -3,17 +3,19 @@
 use std::arch::x86_64::{
     __m512i, _mm_loadu_si128, _mm_storeu_si128, _mm256_add_epi16, _mm256_cvtepu8_epi16, _mm256_loadu_si256,
     _mm256_max_epu16, _mm256_min_epu16, _mm256_or_si256, _mm256_set1_epi16, _mm256_setr_epi16,
-    _mm256_slli_epi16, _mm256_storeu_si256, _mm512_add_epi8, _mm512_add_epi32, _mm512_adds_epu8,
-    _mm512_and_si512, _mm512_avg_epu8, _mm512_bslli_epi128, _mm512_bsrli_epi128, _mm512_castsi128_si512,
-    _mm512_castsi512_si128, _mm512_castsi512_si256, _mm512_cmpeq_epi8_mask, _mm512_cmpeq_epi16_mask,
-    _mm512_cmpgt_epu8_mask, _mm512_cmplt_epu8_mask, _mm512_extracti32x4_epi32, _mm512_extracti64x4_epi64,
-    _mm512_inserti32x4, _mm512_loadu_si512, _mm512_mask_add_epi8, _mm512_mask_cvtepi32_storeu_epi16,
+    _mm256_slli_epi16, _mm256_storeu_si256, _mm512_abs_epi16, _mm512_add_epi8, _mm512_add_epi16,
+    _mm512_add_epi32, _mm512_adds_epu8, _mm512_and_si512, _mm512_avg_epu8, _mm512_bslli_epi128,
+    _mm512_bsrli_epi128, _mm512_castsi128_si512, _mm512_castsi512_si128, _mm512_castsi512_si256,
+    _mm512_cmpeq_epi8_mask, _mm512_cmpeq_epi16_mask, _mm512_cmpgt_epi16_mask, _mm512_cmpgt_epu8_mask,
+    _mm512_cmplt_epu8_mask, _mm512_extracti32x4_epi32, _mm512_extracti64x4_epi64, _mm512_inserti32x4,
+    _mm512_loadu_si512, _mm512_mask_add_epi8, _mm512_mask_min_epu16, _mm512_mask_storeu_epi16,
     _mm512_maskz_shuffle_epi8, _mm512_max_epi32, _mm512_max_epu8, _mm512_max_epu16, _mm512_min_epi32,
     _mm512_min_epu8, _mm512_min_epu16, _mm512_movm_epi8, _mm512_mullo_epi32, _mm512_permutex2var_epi8,
-    _mm512_permutexvar_epi8, _mm512_popcnt_epi8, _mm512_rol_epi32, _mm512_set1_epi8, _mm512_set1_epi16,
-    _mm512_set1_epi32, _mm512_setr_epi32, _mm512_setzero_si512, _mm512_shuffle_epi8, _mm512_shuffle_epi32,
-    _mm512_srli_epi16, _mm512_srli_epi32, _mm512_storeu_si512, _mm512_sub_epi8, _mm512_subs_epu8,
-    _mm512_ternarylogic_epi64, _mm512_unpackhi_epi8, _mm512_unpacklo_epi8, _mm512_xor_si512,
+    _mm512_permutex2var_epi16, _mm512_permutexvar_epi8, _mm512_popcnt_epi8, _mm512_rol_epi32,
+    _mm512_set1_epi8, _mm512_set1_epi16, _mm512_set1_epi32, _mm512_setr_epi32, _mm512_setzero_si512,
+    _mm512_shuffle_epi8, _mm512_shuffle_epi32, _mm512_srli_epi16, _mm512_storeu_si512, _mm512_sub_epi8,
+    _mm512_sub_epi16, _mm512_subs_epu8, _mm512_ternarylogic_epi64, _mm512_unpackhi_epi8,
+    _mm512_unpacklo_epi8, _mm512_xor_si512,
 };
 
 use super::Kernel;
@@ -47,6 +49,20 @@ pub(super) struct Avx512(());
 /// Byte k of a lane: `k % 16`, and the lane of byte k: `k / 16`.
 const ASCENDING: [u8; 64] = bytes(false);
 const LANE: [u8; 64] = bytes(true);
+
+/// Word k: `k`, and `2 k + 1`.
+const ASCENDING_16: [u16; 32] = words(1, 0);
+const ODD_16: [u16; 32] = words(2, 1);
+
+const fn words(step: u16, first: u16) -> [u16; 32] {
+    let mut words = [first; 32];
+    let mut k = 1;
+    while k < 32 {
+        words[k] = words[k - 1] + step;
+        k += 1;
+    }
+    words
+}
 
 /// Byte k: `63 - k`.
 const DESCENDING: [u8; 64] = {
@@ -258,18 +274,18 @@ impl Lanes for Avx512 {
         unsafe {
             let ascending = _mm512_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
             let offsets = _mm512_mullo_epi32(ascending, _mm512_set1_epi32(step));
-            let mut values = _mm512_add_epi32(_mm512_set1_epi32(first), offsets);
-            let stride = _mm512_set1_epi32(step.wrapping_mul(16));
-            for chunk in to.chunks_mut(16) {
-                let kept = _mm512_max_epi32(values, _mm512_setzero_si512());
-                let kept = _mm512_min_epi32(kept, _mm512_set1_epi32(most));
-                let mask = u16::MAX >> (16 - chunk.len());
-                _mm512_mask_cvtepi32_storeu_epi16(
-                    chunk.as_mut_ptr().cast(),
-                    mask,
-                    _mm512_srli_epi32::<16>(kept),
-                );
-                values = _mm512_add_epi32(values, stride);
+            let mut low = _mm512_add_epi32(_mm512_set1_epi32(first), offsets);
+            let half = _mm512_set1_epi32(step.wrapping_mul(16));
+            let upper_halves = _mm512_loadu_si512(ODD_16.as_ptr().cast());
+            let most = _mm512_set1_epi32(most);
+            for chunk in to.chunks_mut(32) {
+                let high = _mm512_add_epi32(low, half);
+                let kept_low = _mm512_min_epi32(_mm512_max_epi32(low, _mm512_setzero_si512()), most);
+                let kept_high = _mm512_min_epi32(_mm512_max_epi32(high, _mm512_setzero_si512()), most);
+                let words = _mm512_permutex2var_epi16(kept_low, upper_halves, kept_high);
+                let mask = u32::MAX >> (32 - chunk.len());
+                _mm512_mask_storeu_epi16(chunk.as_mut_ptr().cast(), mask, words);
+                low = _mm512_add_epi32(high, half);
             }
         }
     }
@@ -314,19 +330,50 @@ impl Lanes for Avx512 {
             for block in blocks {
                 least = _mm512_min_epu16(least, _mm512_loadu_si512(block.as_ptr().cast()));
             }
-            let (low, high) = (
-                _mm512_castsi512_si256(least),
-                _mm512_extracti64x4_epi64::<1>(least),
-            );
-            let least = least_of_16(_mm256_min_epu16(low, high));
+            let least = least_of_32(least);
             let wanted = _mm512_set1_epi16(least.cast_signed());
-            for (k, block) in blocks.iter().enumerate() {
+            let mut first = 0;
+            // From the last to the first, without a branch that would depend on the values.
+            for (k, block) in blocks.iter().enumerate().rev() {
                 let equal = _mm512_cmpeq_epi16_mask(_mm512_loadu_si512(block.as_ptr().cast()), wanted);
-                if equal != 0 {
-                    return (least, k * 32 + equal.trailing_zeros() as usize);
-                }
+                let here = k * 32 + equal.trailing_zeros() as usize;
+                first = if equal == 0 { first } else { here };
             }
-            (least, 0)
+            (least, first)
         }
+    }
+
+    #[inline(always)]
+    #[expect(clippy::cast_possible_truncation, reason = "at most 256 values")]
+    #[expect(clippy::cast_possible_wrap, reason = "at most 256 values")]
+    fn first_least_and_else(self, values: &[u16], apart: usize) -> (u16, usize, u16) {
+        let (least, first) = self.first_least(values);
+        let blocks = values.as_chunks::<32>().0;
+        // SAFETY: `self` proves that AVX-512 is there; every block has as many values as are read.
+        unsafe {
+            let apart = _mm512_set1_epi16(apart as i16);
+            let mut away = _mm512_sub_epi16(
+                _mm512_loadu_si512(ASCENDING_16.as_ptr().cast()),
+                _mm512_set1_epi16(first as i16),
+            );
+            let mut elsewhere = _mm512_set1_epi16(-1);
+            for block in blocks {
+                let far = _mm512_cmpgt_epi16_mask(_mm512_abs_epi16(away), apart);
+                let block = _mm512_loadu_si512(block.as_ptr().cast());
+                elsewhere = _mm512_mask_min_epu16(elsewhere, far, elsewhere, block);
+                away = _mm512_add_epi16(away, _mm512_set1_epi16(32));
+            }
+            (least, first, least_of_32(elsewhere))
+        }
+    }
+}
+
+/// The least of the 32 values of a vector.
+#[inline(always)]
+unsafe fn least_of_32(v: __m512i) -> u16 {
+    // SAFETY: callers have AVX-512.
+    unsafe {
+        let (low, high) = (_mm512_castsi512_si256(v), _mm512_extracti64x4_epi64::<1>(v));
+        least_of_16(_mm256_min_epu16(low, high))
     }
 }

@@ -130,4 +130,17 @@ pub(crate) trait Lanes: Copy {
         }
         least
     }
+
+    /// The same, and the least of the values more than `apart` away from there (`u16::MAX` without any).
+    #[inline(always)]
+    fn first_least_and_else(self, values: &[u16], apart: usize) -> (u16, usize, u16) {
+        let (least, best) = self.first_least(values);
+        let mut elsewhere = u16::MAX;
+        for (at, &value) in values.iter().enumerate() {
+            if at.abs_diff(best) > apart {
+                elsewhere = elsewhere.min(value);
+            }
+        }
+        (least, best, elsewhere)
+    }
 }
