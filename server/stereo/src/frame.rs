@@ -85,6 +85,8 @@ pub(crate) struct Frame {
     /// Matched in this iteration; then moved to `supports`.
     fresh: Vec<Support>,
     supports: Vec<Support>,
+    /// The support of each cell.
+    cells: Vec<Option<Support>>,
     buckets: Buckets,
     triangulation: Triangulation,
     /// Vertices the mesh had when it was last rasterised.
@@ -285,7 +287,7 @@ impl Frame {
     ) -> Option<Stage> {
         match stage {
             Stage::Choose => Some(self.choose(rung, recipe)),
-            Stage::Search { next } => Some(self.search(next, recipe, join)),
+            Stage::Search { next } => Some(self.search(next, rung, recipe, join)),
             Stage::Insert { next } => Some(self.insert(next)),
             Stage::Interpolate => Some(self.interpolate(rung, join)),
             Stage::Propagate => Some(self.propagate()),

@@ -23,8 +23,8 @@ pub(crate) struct Support {
 
 /// Least |gx| / 4 of a candidate.
 const MIN_STRENGTH: u8 = 4;
-/// Unexplained pixels that make a cell worth a search.
-const UNEXPLAINED_PX: usize = 8;
+/// Unexplained pixels, for each px of its side, that make a cell worth a search.
+const UNEXPLAINED_PX: usize = 2;
 /// Candidates keep this distance from the border, so that every tap sees real pixels.
 pub(crate) const BORDER_PX: usize = 4;
 
@@ -41,7 +41,7 @@ pub(crate) struct Unexplained<'a> {
 /// gradient, in snake order of the cells: neighbours in the list are neighbours in the image, which is what incremental
 /// triangulation likes.
 ///
-/// With `unexplained`, only those pixels count, and only cells with at least [`UNEXPLAINED_PX`] of them. This is the paper's
+/// With `unexplained`, only those pixels count, and only cells with at least [`UNEXPLAINED_PX`] of them for each px of their side. This is the paper's
 /// C_b with another choice within the cell: the pixel that can be matched best, not the one that matches worst.
 pub(crate) fn strongest_per_cell(
     level: Level,
@@ -81,7 +81,11 @@ impl Kernel for Strongest<'_> {
             found,
         } = self;
         found.clear();
-        let enough = if unexplained.is_some() { UNEXPLAINED_PX } else { 1 };
+        let enough = if unexplained.is_some() {
+            UNEXPLAINED_PX * cell_px
+        } else {
+            1
+        };
         // For every column of a row of cells: strength of the best pixel with, below it, how early its row comes; and how
         // many pixels are eligible. Whole rows at a time, so that there is nothing to decide pixel by pixel.
         let (mut best, mut eligible) = (vec![0u16; width], vec![0u8; width]);
@@ -151,17 +155,71 @@ impl Consistency {
     }
 
     fn has_supporters(&self, support: &Support, buckets: &Buckets) -> bool {
-        let near = |other: &Support| {
-            other.x.abs_diff(support.x) <= self.radius_px
-                && other.y.abs_diff(support.y) <= self.radius_px
-                && (other.disparity_px - support.disparity_px).abs() <= self.tolerance_px
-        };
-        // The support finds itself too.
-        buckets
-            .around(support, self.radius_px)
-            .filter(|other| near(other))
-            .nth(self.supporters)
-            .is_some()
+        // Counted in whole rows of buckets: to look at a few more is quicker than to decide after each. The support finds
+        // itself too.
+        let mut found = 0;
+        for others in buckets.around(support, self.radius_px) {
+            for other in others {
+                let is_near = (other.x.abs_diff(support.x) <= self.radius_px)
+                    & (other.y.abs_diff(support.y) <= self.radius_px)
+                    & ((other.disparity_px - support.disparity_px).abs() <= self.tolerance_px);
+                found += usize::from(is_near);
+            }
+            if found > self.supporters {
+                return true;
+            }
+        }
+        false
+    }
+}
+
+/// Disparities this far from what their neighbours say, in px, say no more than they: the evaluation tests a pixel to either
+/// side.
+const REDUNDANT_PX: f32 = 1.0;
+
+/// Leaves out what those around say already. Of the cells of `cell_px`, every second one may go, like the black squares of a
+/// chessboard: if its support lies within [`REDUNDANT_PX`] of the line through its neighbours on both sides, or above and
+/// below, and not outside of the other one.
+pub(crate) fn thin(
+    supports: &mut Vec<Support>,
+    (width, height): (usize, usize),
+    cell_px: usize,
+    cells: &mut Vec<Option<Support>>,
+) {
+    let (columns, rows) = (width.div_ceil(cell_px), height.div_ceil(cell_px));
+    let cell = |support: &Support| (support.x / cell_px, support.y / cell_px);
+    cells.clear();
+    cells.resize(columns * rows, None);
+    for support in &*supports {
+        let (column, row) = cell(support);
+        cells[row * columns + column] = Some(*support);
+    }
+    supports.retain(|support| {
+        let (column, row) = cell(support);
+        let is_inside = (1..columns - 1).contains(&column) && (1..rows - 1).contains(&row);
+        if (column + row).is_multiple_of(2) || !is_inside {
+            return true;
+        }
+        let at = row * columns + column;
+        let beside = support.lies_between(cells[at - 1], cells[at + 1], |of| of.x);
+        let over = support.lies_between(cells[at - columns], cells[at + columns], |of| of.y);
+        beside.or(over) != Some(true) || over == Some(false)
+    });
+}
+
+impl Support {
+    /// Whether its disparity is the one of the line through its neighbours `along` an axis, if there are both.
+    fn lies_between(
+        &self,
+        one: Option<Self>,
+        other: Option<Self>,
+        along: fn(&Self) -> usize,
+    ) -> Option<bool> {
+        let (one, other) = (one?, other?);
+        let [at, from, to] = [self, &one, &other].map(|of| along(of) as f32);
+        let share = (at - from) / (to - from);
+        let expected = one.disparity_px + share * (other.disparity_px - one.disparity_px);
+        Some((self.disparity_px - expected).abs() <= REDUNDANT_PX)
     }
 }
 
@@ -209,13 +267,14 @@ impl Buckets {
         }
     }
 
-    /// The supports of all buckets that reach within `radius_px` of `support`.
-    fn around(&self, support: &Support, radius_px: usize) -> impl Iterator<Item = &Support> {
+    /// The supports of all buckets that reach within `radius_px` of `support`, by rows of buckets, its own one first.
+    fn around(&self, support: &Support, radius_px: usize) -> impl Iterator<Item = &[Support]> {
         let span = |at: usize, n: usize| {
             at.saturating_sub(radius_px) / BUCKET_PX..=((at + radius_px) / BUCKET_PX).min(n - 1)
         };
         let columns = span(support.x, self.columns);
-        span(support.y, self.rows).flat_map(move |row| {
+        let (rows, own) = (span(support.y, self.rows), support.y / BUCKET_PX);
+        (own..=*rows.end()).chain(*rows.start()..own).map(move |row| {
             let first = self.starts[row * self.columns + columns.start()] as usize;
             let end = self.starts[row * self.columns + columns.end() + 1] as usize;
             &self.sorted[first..end]

@@ -3,6 +3,7 @@
 //! The window's four corners are vertices too, with the disparity of the nearest support, so that every pixel lies in a
 //! triangle.
 
+use spade::handles::FixedVertexHandle;
 use spade::{DelaunayTriangulation, HasPosition, Point2, Triangulation as _};
 
 use crate::mesh::Vertex;
@@ -90,14 +91,19 @@ impl Triangulation {
     }
 
     /// The triangles with at least one vertex of index `first_new` or more. After insertions those are the ones that
-    /// changed: every triangle that Delaunay insertion makes has the inserted point as a vertex.
+    /// changed: every triangle that Delaunay insertion makes has the inserted point as a vertex. They come in the order of their
+    /// first new vertices, so neighbours in it are neighbours in the image.
     pub(crate) fn triangles_from(&self, first_new: usize) -> impl Iterator<Item = Triangle> + '_ {
-        self.mesh.inner_faces().filter_map(move |face| {
-            let vertices = face.vertices();
-            let indices = vertices.map(|vertex| vertex.fix().index());
-            indices.iter().any(|&index| index >= first_new).then(|| Triangle {
-                indices,
-                vertices: vertices.map(|vertex| to_vertex(vertex.data())),
+        (first_new..self.mesh.num_vertices()).flat_map(move |index| {
+            let vertex = self.mesh.vertex(FixedVertexHandle::from_index(index));
+            vertex.out_edges().filter_map(move |edge| {
+                let others = [edge.to(), edge.next().to()];
+                let indices = others.map(|other| other.fix().index());
+                let is_first = indices.iter().all(|&other| other < first_new || other > index);
+                (is_first && !edge.is_outer_edge()).then(|| Triangle {
+                    indices: [index, indices[0], indices[1]],
+                    vertices: [vertex, others[0], others[1]].map(|vertex| to_vertex(vertex.data())),
+                })
             })
         })
     }

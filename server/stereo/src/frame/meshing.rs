@@ -60,7 +60,7 @@ impl Frame {
     }
 
     /// Searches some candidates; after the last one, drops what nothing supports.
-    pub(super) fn search(&mut self, next: usize, recipe: &Recipe, join: &dyn ForkJoin) -> Stage {
+    pub(super) fn search(&mut self, next: usize, rung: &Rung, recipe: &Recipe, join: &dyn ForkJoin) -> Stage {
         let views = Views {
             pattern: recipe.pattern,
             left: &self.left_census,
@@ -96,6 +96,10 @@ impl Frame {
                     (support.disparity_px - expected).abs() >= NEWS_PX
                 });
             }
+        }
+        if let (Work::Mesh { cell_px }, 0) = (rung.work, self.rasterised_vertices) {
+            let size = (self.width(), self.height());
+            support::thin(&mut self.fresh, size, cell_px, &mut self.cells);
         }
         Stage::Insert { next: 0 }
     }

@@ -1,6 +1,6 @@
 use proptest::prelude::*;
 
-use super::{Buckets, Candidate, Consistency, Support, Unexplained, strongest_per_cell};
+use super::{Buckets, Candidate, Consistency, Support, Unexplained, strongest_per_cell, thin};
 use crate::gradient::Gradient;
 use crate::plane::MARGIN_X;
 use crate::scene::{Image, Noise};
@@ -62,7 +62,7 @@ proptest! {
         let unexplained = explained_up_to.map(|explained_up_to| Unexplained { cost: &cost, explained_up_to });
         strongest_per_cell(Level::detect(), &gradient, (width, height), cell_px, unexplained, &mut found);
         let counts = |at: usize| explained_up_to.is_none_or(|up_to| cost[at] > up_to);
-        let enough = if explained_up_to.is_some() { 8 } else { 1 };
+        let enough = if explained_up_to.is_some() { 2 * cell_px } else { 1 };
         prop_assert_eq!(found, expected(&gradient.strength, (width, height), cell_px, counts, enough));
     }
 
@@ -123,4 +123,55 @@ fn a_flat_image_has_no_candidates() {
     let mut found = Vec::new();
     strongest_per_cell(Level::detect(), &gradient, (width, height), 8, None, &mut found);
     assert!(found.is_empty());
+}
+
+/// What is left of supports in the middles of 5x5 cells, of which (2, 1) may go.
+fn thinned(disparity_px: impl Fn(usize, usize) -> Option<f32>) -> Vec<(usize, usize)> {
+    let cells = (0..5).flat_map(|row| (0..5).map(move |column| (column, row)));
+    let mut supports: Vec<Support> = cells
+        .filter_map(|(column, row)| {
+            disparity_px(column, row).map(|disparity_px| Support {
+                x: 16 * column + 8,
+                y: 16 * row + 8,
+                disparity_px,
+            })
+        })
+        .collect();
+    // What another frame has left behind.
+    let mut cells = vec![supports.first().copied(); 40];
+    thin(&mut supports, (80, 80), 16, &mut cells);
+    supports
+        .iter()
+        .map(|support| (support.x / 16, support.y / 16))
+        .collect()
+}
+
+#[test]
+fn of_a_plane_every_second_support_but_those_at_the_border_is_enough() {
+    let left = thinned(|column, row| Some(3.0 * column as f32 + 5.0 * row as f32));
+    let dropped = [(2, 1), (1, 2), (3, 2), (2, 3)];
+    assert_eq!(left.len(), 21);
+    assert!(dropped.iter().all(|cell| !left.contains(cell)));
+}
+
+#[test]
+fn a_support_that_says_more_than_those_around_stays() {
+    let keeps = |disparity_px: fn(usize, usize) -> Option<f32>| thinned(disparity_px).contains(&(2, 1));
+    assert!(!keeps(|column, row| Some(if (column, row) == (2, 1) {
+        10.9
+    } else {
+        10.0
+    })));
+    assert!(keeps(|column, row| Some(if (column, row) == (2, 1) {
+        11.1
+    } else {
+        10.0
+    })));
+    // On the line through two neighbours, but not on the one through the others.
+    assert!(keeps(|_, row| Some(if row == 0 { 30.0 } else { 10.0 })));
+    assert!(keeps(|column, _| Some(if column == 1 { 30.0 } else { 10.0 })));
+    // Two neighbours are enough, one is not.
+    assert!(!keeps(|_, row| (row == 1).then_some(10.0)));
+    assert!(!keeps(|column, _| (column == 2).then_some(10.0)));
+    assert!(keeps(|column, row| (column >= 2 && row >= 1).then_some(10.0)));
 }
