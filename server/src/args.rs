@@ -30,7 +30,7 @@ pub struct Cli {
 /// The subcommands.
 #[derive(Debug, Subcommand)]
 pub enum Command {
-    /// Serve over HTTP until SIGTERM or SIGINT.
+    /// Serve over HTTP and Zenoh until SIGTERM or SIGINT.
     Serve(Box<ServeArgs>),
     /// Match one pair of image files here, without a network, and write the results to a folder.
     Match(Box<MatchArgs>),
@@ -91,6 +91,36 @@ pub struct ServeArgs {
     /// Workers that may be replaced before the server says that it isn't ready any more [default: 8].
     #[arg(long, env = "STEREOD_REPLACEMENTS", value_name = "N")]
     pub replacements: Option<u32>,
+
+    /// Zenoh routers or peers to connect to, such as tcp/router:7447, separated by commas.
+    #[arg(
+        long,
+        env = "STEREOD_ZENOH_CONNECT",
+        value_name = "ENDPOINTS",
+        value_delimiter = ','
+    )]
+    pub zenoh_connect: Vec<String>,
+
+    /// Where to listen for Zenoh, separated by commas [default: tcp/127.0.0.1:0].
+    #[arg(
+        long,
+        env = "STEREOD_ZENOH_LISTEN",
+        value_name = "ENDPOINTS",
+        value_delimiter = ','
+    )]
+    pub zenoh_listen: Vec<String>,
+
+    /// Zenoh's own configuration (JSON5): TLS, passwords, access control, and everything else it knows.
+    #[arg(long, env = "STEREOD_ZENOH_CONFIG", value_name = "FILE")]
+    pub zenoh_config: Option<PathBuf>,
+
+    /// Serve over HTTP alone.
+    #[arg(long, env = "STEREOD_NO_ZENOH")]
+    pub no_zenoh: bool,
+
+    /// Not ready while Zenoh is connected to nobody it was told to connect to.
+    #[arg(long, env = "STEREOD_REQUIRE_ZENOH")]
+    pub require_zenoh: bool,
 
     /// How requests are ordered, admitted and ended [default: edf]. For comparison only: fifo (arrival order, all rungs, deadlines
     /// not looked at), fifo-timeout (and drops what waited too long), fixed:N (and N rungs for all).
@@ -185,6 +215,15 @@ impl ServeArgs {
             &mut config.http.body_timeout,
             self.body_timeout_ms.map(Duration::from_millis),
         );
+        for (setting, flag) in [
+            (&mut config.zenoh.connect, self.zenoh_connect),
+            (&mut config.zenoh.listen, self.zenoh_listen),
+        ] {
+            give(setting, Some(flag).filter(|endpoints| !endpoints.is_empty()));
+        }
+        give(&mut config.zenoh.file, self.zenoh_config.map(Some));
+        config.zenoh.enabled &= !self.no_zenoh;
+        config.zenoh.required |= self.require_zenoh;
         give(&mut config.workers.count, self.workers);
         give(&mut config.workers.simd, self.simd);
         give(&mut config.workers.queue_capacity, self.queue_capacity);

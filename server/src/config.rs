@@ -5,6 +5,7 @@
 mod error;
 mod policy;
 mod weights;
+mod zenoh;
 
 use std::net::{Ipv4Addr, SocketAddr};
 use std::ops::RangeInclusive;
@@ -16,6 +17,7 @@ use stereo::{Level, Shape};
 pub use self::error::ConfigError;
 pub use self::policy::PolicyName;
 pub use self::weights::WeightsConfig;
+pub use self::zenoh::ZenohConfig;
 
 /// Everything the server can be told.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -31,6 +33,8 @@ pub struct Config {
     pub limits: LimitsConfig,
     /// Whose share of the server is how large.
     pub weights: WeightsConfig,
+    /// The Zenoh transport.
+    pub zenoh: ZenohConfig,
 }
 
 /// The HTTP transport.
@@ -94,6 +98,7 @@ impl Default for Config {
             workers: WorkersConfig::default(),
             limits: LimitsConfig::default(),
             weights: WeightsConfig::default(),
+            zenoh: ZenohConfig::default(),
         }
     }
 }
@@ -161,6 +166,7 @@ impl Config {
             workers,
             limits,
             weights,
+            zenoh,
         } = self;
         if !is_name(instance) {
             return Err(ConfigError::BadName {
@@ -208,6 +214,7 @@ impl Config {
             }
         }
         weights.validate()?;
+        zenoh.camera_settings()?;
         workers.level().map(drop)
     }
 }
@@ -238,7 +245,7 @@ impl WorkersConfig {
     }
 }
 
-fn is_name(text: &str) -> bool {
+pub(crate) fn is_name(text: &str) -> bool {
     (1..=64).contains(&text.len())
         && text
             .bytes()

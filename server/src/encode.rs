@@ -15,6 +15,7 @@ pub(crate) mod surface;
 use bytes::Bytes;
 
 pub(crate) use self::png::gray_png;
+pub(crate) use self::report_json::report_fields;
 use crate::job::{MatchedFrame, ReplyFormat, Report};
 use crate::status::ServiceError;
 use crate::wire;
@@ -37,6 +38,9 @@ pub fn body(
         ReplyFormat::ColorPng => color_png::encode(frame.map),
         ReplyFormat::Glb => glb::encode(frame),
         ReplyFormat::Ply => ply::encode(frame),
+        ReplyFormat::DisparityPart => wire::disparity_body(frame),
+        ReplyFormat::MeshPart => wire::mesh_body(frame),
+        ReplyFormat::ReportPart => Ok(wire::report_body(&finish())),
     }
     .map(Bytes::from)
 }

@@ -116,6 +116,52 @@ pub struct Calibration {
     pub doffs_px: f64,
 }
 
+/// What the server does with the frames of a camera, checked.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct CameraSettings {
+    /// For frames without options of their own.
+    pub options: Option<stereo_proto::v1::Options>,
+    /// Bounds the budget of every frame.
+    pub latency_budget: Option<Duration>,
+    /// For frames without a calibration of their own.
+    pub calibration: Option<stereo_proto::v1::Calibration>,
+    /// How single images are brought together.
+    pub pairing: PairingRules,
+}
+
+/// What may be a pair of images.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct PairingRules {
+    /// By what they are brought together.
+    pub key: PairingKey,
+    /// Largest difference in time; below half the time between two frames no two frames can be mixed.
+    pub tolerance: Duration,
+    /// How long an image waits for its other half.
+    pub patience: Duration,
+}
+
+impl Default for PairingRules {
+    fn default() -> Self {
+        Self {
+            key: PairingKey::Either,
+            tolerance: Duration::from_millis(10),
+            patience: Duration::from_millis(200),
+        }
+    }
+}
+
+/// By what images are brought together.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum PairingKey {
+    /// By sequence where both have one, else by time.
+    #[default]
+    Either,
+    /// By sequence alone.
+    Sequence,
+    /// By time alone.
+    Time,
+}
+
 /// Validated options of one request.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FrameOptions {
@@ -263,13 +309,35 @@ pub enum ReplyFormat {
     Glb,
     /// Mesh as binary PLY.
     Ply,
+    /// The `Disparity` of a protobuf result alone.
+    DisparityPart,
+    /// The `Mesh` of a protobuf result alone.
+    MeshPart,
+    /// The `ExecutionReport` of a protobuf result alone.
+    ReportPart,
 }
 
 impl ReplyFormat {
+    /// As people and programs have it.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Protobuf => "result",
+            Self::Json => "json",
+            Self::DisparityPng => "disparity_png",
+            Self::ColorPng => "color_png",
+            Self::Glb => "glb",
+            Self::Ply => "ply",
+            Self::DisparityPart => "disparity",
+            Self::MeshPart => "mesh",
+            Self::ReportPart => "report",
+        }
+    }
+
     /// Whether this body needs the mesh.
     #[must_use]
     pub fn needs_mesh(self) -> bool {
-        matches!(self, Self::Json | Self::Glb | Self::Ply)
+        matches!(self, Self::Json | Self::Glb | Self::Ply | Self::MeshPart)
     }
 }
 

@@ -20,6 +20,7 @@ mod pool;
 pub mod service;
 pub mod shutdown;
 pub mod status;
+pub mod streams;
 pub mod transport;
 pub mod wire;
 
@@ -31,7 +32,9 @@ use thiserror::Error;
 
 use crate::config::{Config, ConfigError};
 use crate::service::Service;
+use crate::streams::Streams;
 use crate::transport::http::{Listener, Listening, router};
+use crate::transport::zenoh::{Prepared, Zenoh};
 
 /// Why the server can't start.
 #[derive(Debug, Error)]
@@ -79,6 +82,7 @@ pub struct Running {
     pub http_addr: SocketAddr,
     service: Arc<Service>,
     listening: Listening,
+    zenoh: Option<Zenoh>,
 }
 
 impl Server {
@@ -88,6 +92,7 @@ impl Server {
     /// [`StartError`]; nothing is bound if the configuration is not acceptable.
     pub async fn start(config: Config) -> Result<Running, StartError> {
         config.validate()?;
+        let zenoh = Prepared::new(&config)?;
         let simd = config.workers.level()?.name();
         let listener = Listener::bind(&config.http)
             .await
@@ -96,12 +101,15 @@ impl Server {
                 source,
             })?;
         let service = Arc::new(Service::start(&config)?);
-        let router = router(&config, simd, Arc::clone(&service));
+        let streams = Arc::new(Streams::new(service.metrics()));
+        let router = router(&config, simd, Arc::clone(&service), Arc::clone(&streams));
         let listening = listener.serve(&config.http, router, &service);
+        let zenoh = zenoh.map(|zenoh| zenoh.start(Arc::clone(&service), streams));
         Ok(Running {
             http_addr: listening.addr,
             service,
             listening,
+            zenoh,
         })
     }
 }
@@ -112,10 +120,16 @@ impl Running {
         self.service.primed().await
     }
 
-    /// Ends the server: not ready and no new work from now on, what was admitted is finished or expires, then the connections
-    /// are closed, those that are still busy after 2 s by force.
-    pub async fn shutdown(self) {
+    /// Ends the server: no longer to be found, then not ready and no new work; what was admitted is finished or expires, then
+    /// the connections are closed, those that are still busy after 2 s by force.
+    pub async fn shutdown(mut self) {
+        if let Some(zenoh) = &mut self.zenoh {
+            zenoh.withdraw().await;
+        }
         self.service.drain().await;
+        if let Some(zenoh) = self.zenoh {
+            zenoh.close().await;
+        }
         self.listening.close().await;
     }
 }

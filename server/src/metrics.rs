@@ -45,6 +45,8 @@ const OUTCOMES: [&str; 12] = [
     "INTERNAL",
     CANCELLED,
 ];
+/// Why images of streams are in no pair.
+const UNPAIRED: [&str; 5] = ["alone", "late", "duplicate", "unstamped", "refused"];
 /// The outcome of a request whose client has gone.
 pub(crate) const CANCELLED: &str = "CANCELLED";
 /// The class of a request that was refused before its class was known.
@@ -83,6 +85,12 @@ pub(crate) struct Metrics {
     pub(crate) batches: Gauge,
     pub(crate) batch_frames: Counter,
     batches_ended: Family<Label, Counter>,
+    pub(crate) streams: Gauge,
+    stream_frames: Family<Label, Counter>,
+    pub(crate) stream_frames_lost: Counter,
+    stream_images_unpaired: Family<Label, Counter>,
+    pub(crate) stream_results_unsent: Counter,
+    zenoh_payloads: Family<Label, Counter>,
     pub(crate) draining: Gauge,
 }
 
@@ -113,6 +121,7 @@ fn latency_histogram() -> Histogram {
 
 impl Metrics {
     /// Everything at zero, and every series there.
+    #[expect(clippy::too_many_lines, reason = "a table: one entry a metric")]
     pub(crate) fn new() -> Self {
         let mut book = Book::new("stereod");
         Self {
@@ -193,6 +202,32 @@ impl Metrics {
             batches: book.plain("batches", "Batches under way now", Gauge::default()),
             batch_frames: book.plain("batch_frames", "Requests read from batches", Counter::default()),
             batches_ended: book.counters("batches_ended", "Batches that ended, by how", BatchEnd::ALL.map(BatchEnd::label)),
+            streams: book.plain("streams", "Camera streams that this server serves now", Gauge::default()),
+            stream_frames: book.counters(
+                "stream_frames",
+                "Frames of camera streams by outcome: OK, or the reason of the refusal; part of stereod_requests",
+                OUTCOMES[..11].iter().map(|&outcome| [("outcome", outcome)]),
+            ),
+            stream_frames_lost: book.plain(
+                "stream_frames_lost",
+                "Frames of camera streams whose numbers were left out: they were lost before they came here",
+                Counter::default(),
+            ),
+            stream_images_unpaired: book.counters(
+                "stream_images_unpaired",
+                "Single images that were in no pair: alone (the other half did not come), late (newer ones were a pair already), duplicate, unstamped (neither number nor time), refused (no image)",
+                UNPAIRED.map(|why| [("why", why)]),
+            ),
+            stream_results_unsent: book.plain(
+                "stream_results_unsent",
+                "Results of camera streams that were not sent because the one before was still on its way",
+                Counter::default(),
+            ),
+            zenoh_payloads: book.counters(
+                "zenoh_payloads",
+                "Frames, images and requests received over Zenoh, by the way they came",
+                ["shared_memory", "network"].map(|way| [("way", way)]),
+            ),
             draining: book.plain("draining", "1 while the server is stopping and takes no new work", Gauge::default()),
             registry: book.close(),
         }
@@ -256,6 +291,21 @@ impl Metrics {
         for cut in cuts(report.degradation) {
             self.degraded.get_or_create(&[("cut", cut)]).inc();
         }
+    }
+
+    /// A frame of a stream ended.
+    pub(crate) fn stream_frame(&self, outcome: &'static str) {
+        self.stream_frames.get_or_create(&[("outcome", outcome)]).inc();
+    }
+
+    /// A single image was in no pair.
+    pub(crate) fn image_unpaired(&self, why: &'static str) {
+        self.stream_images_unpaired.get_or_create(&[("why", why)]).inc();
+    }
+
+    /// Something came over Zenoh.
+    pub(crate) fn zenoh_payload(&self, way: &'static str) {
+        self.zenoh_payloads.get_or_create(&[("way", way)]).inc();
     }
 
     /// The scheduler took this long to admit a frame or to refuse it.

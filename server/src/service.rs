@@ -15,8 +15,8 @@ pub use self::health::Health;
 use self::leaving::Leaving;
 use crate::StartError;
 use crate::config::Config;
-pub use crate::dispatch::OnRung;
-use crate::dispatch::{Admission, Dispatch, Kind, Setting};
+use crate::dispatch::{Admission, Dispatch, Kind, Listeners, Setting};
+pub use crate::dispatch::{OnPartial, OnRung};
 use crate::job::{FrameReply, FrameRequest, PriorityClass};
 use crate::metrics::{CANCELLED, Metrics};
 use crate::pool::{Helpers, Patience, Pool, Priming, Shared};
@@ -89,7 +89,7 @@ impl Service {
     /// deadline, whether or not a worker is free), superseded, or failed. A result with fewer rungs than asked for, or one that came
     /// late because its first rung took too long, is a success whose report says so.
     pub async fn submit(&self, request: FrameRequest) -> Result<FrameReply, ServiceError> {
-        self.submit_watched(request, None).await
+        self.carry(request, Listeners::default()).await
     }
 
     /// As [`submit`](Self::submit), with `on_rung` called on the worker's thread after each finished rung.
@@ -101,11 +101,30 @@ impl Service {
         request: FrameRequest,
         on_rung: Option<OnRung>,
     ) -> Result<FrameReply, ServiceError> {
+        let on_partial = None;
+        self.carry(request, Listeners { on_rung, on_partial }).await
+    }
+
+    /// As [`submit`](Self::submit), with `on_partial` called on the worker's thread with the first of the wanted bodies after each
+    /// finished rung but the last.
+    ///
+    /// # Errors
+    /// As [`submit`](Self::submit).
+    pub async fn submit_partial(
+        &self,
+        request: FrameRequest,
+        on_partial: Option<OnPartial>,
+    ) -> Result<FrameReply, ServiceError> {
+        let on_rung = None;
+        self.carry(request, Listeners { on_rung, on_partial }).await
+    }
+
+    async fn carry(&self, request: FrameRequest, listeners: Listeners) -> Result<FrameReply, ServiceError> {
         let request_id = request.ids.request_id.clone();
         let camera = request.ids.camera_id.clone();
         let class = request.options.priority;
         let received_at = request.received_at;
-        let outcome = self.admit(request, on_rung).await;
+        let outcome = self.admit(request, listeners).await;
         match &outcome {
             Ok(FrameReply { report, costs, .. }) => {
                 self.shared.metrics.ended(Some(class), "OK");
@@ -192,11 +211,7 @@ impl Service {
         tracing::debug!(request_id, reason = error.reason_name(), %error, "refused");
     }
 
-    async fn admit(
-        &self,
-        request: FrameRequest,
-        on_rung: Option<OnRung>,
-    ) -> Result<FrameReply, ServiceError> {
+    async fn admit(&self, request: FrameRequest, listeners: Listeners) -> Result<FrameReply, ServiceError> {
         let deadline = request.deadline();
         let class = request.options.priority;
         let dispatch = &self.shared.dispatch;
@@ -205,7 +220,7 @@ impl Service {
             class,
             ticket: None,
         };
-        let Admission { ticket, mut outcome } = match dispatch.submit(request, on_rung) {
+        let Admission { ticket, mut outcome } = match dispatch.submit(request, listeners) {
             Ok(admission) => admission,
             Err(error) => {
                 leaving.stay();
@@ -255,6 +270,11 @@ impl Service {
     #[must_use]
     pub fn workers(&self) -> usize {
         self.workers
+    }
+
+    /// How busy the workers are.
+    pub(crate) fn load(&self) -> stereo_scheduler::Snapshot {
+        self.shared.dispatch.snapshot()
     }
 
     pub(crate) fn metrics(&self) -> &Arc<Metrics> {

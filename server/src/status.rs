@@ -18,6 +18,22 @@ pub enum ServiceError {
         /// The path that was asked for.
         path: String,
     },
+    /// No camera of that name has been seen.
+    #[error("there is no stream of a camera called {camera:?} here: GET /v1/streams lists those there are")]
+    NoSuchStream {
+        /// The name that was asked for.
+        camera: String,
+    },
+    /// A stream stands still.
+    #[error(
+        "camera {camera} had no result for {waited:?}: GET /v1/streams/{camera} says what comes in and what is dropped"
+    )]
+    NoFrames {
+        /// The camera.
+        camera: String,
+        /// For how long the server waited.
+        waited: Duration,
+    },
     /// The resource has other methods.
     #[error("{path} does not take {got}: use {expected}")]
     MethodNotAllowed {
@@ -134,7 +150,9 @@ impl ServiceError {
     pub fn reason_and_code(&self) -> (Reason, u16) {
         match self {
             Self::Invalid(_) => (Reason::Invalid, 400),
-            Self::NoSuchResource { .. } => (Reason::Invalid, 404),
+            Self::NoSuchResource { .. } | Self::NoSuchStream { .. } | Self::NoFrames { .. } => {
+                (Reason::Invalid, 404)
+            }
             Self::MethodNotAllowed { .. } => (Reason::Invalid, 405),
             Self::NotAcceptable { .. } => (Reason::Invalid, 406),
             Self::ReadTimeout { .. } => (Reason::Expired, 408),

@@ -20,10 +20,13 @@ mod range;
 mod report;
 mod request;
 mod result;
+mod settings;
 
 pub use budget::{latency_budget_from_grpc_timeout, latency_budget_from_ms};
 pub use delimited::{Delimited, delimited, delimited_result_head};
 pub use form::{FormParts, request_from_form};
+pub use report::report_body;
 pub(crate) use request::is_request_id;
 pub use request::{Intake, decode_request, frame_request};
-pub use result::result_body;
+pub use result::{disparity_body, mesh_body, result_body};
+pub use settings::{camera_settings, camera_settings_from_json, camera_settings_to_proto};

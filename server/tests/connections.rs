@@ -12,6 +12,7 @@ fn config() -> Config {
     let mut config = Config::default();
     config.http.listen = "127.0.0.1:0".parse().unwrap();
     config.workers.count = 1;
+    config.zenoh.enabled = false;
     config
 }
 

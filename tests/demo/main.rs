@@ -1,5 +1,7 @@
 //! `cargo demo`: a real pair to a real server over HTTP; writes the disparity, the picture and the mesh, and compares
-//! with the ground truth.
+//! with the ground truth. Then the pair as a camera over Zenoh.
+
+mod camera;
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -52,10 +54,12 @@ async fn main() -> Result<()> {
         right: read(&pair.right())?,
         out: args.out,
     };
-    let text = demo.run(&scene).await?;
+    let mut text = demo.run(&scene).await?;
+    println!("Streaming it as a camera over Zenoh ..");
+    text += &camera::stream(server.url(), &scene).await?;
     let status = server.stop()?;
     ensure!(status.success(), "the server ended with {status}");
-    println!("{text}The server stopped cleanly.");
+    println!("{text}\nThe server stopped cleanly.");
     Ok(())
 }
 

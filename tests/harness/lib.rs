@@ -18,3 +18,4 @@ pub mod scene;
 pub mod score;
 pub mod texture;
 pub mod truth;
+pub mod zenoh;

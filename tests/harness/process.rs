@@ -243,15 +243,24 @@ impl Stereod {
     /// # Errors
     /// If the signal can't be sent.
     pub fn stop(mut self) -> Result<ExitStatus> {
+        self.signal("TERM")?;
+        self.child.wait().context("can't wait for stereod")
+    }
+
+    /// Sends it a signal, such as `STOP`, which freezes it, or `CONT`.
+    ///
+    /// # Errors
+    /// If the signal can't be sent.
+    pub fn signal(&mut self, name: &str) -> Result<()> {
         // The shell's own `kill`: sending a signal from here would need unsafe code or a further crate.
         let sent = Command::new("sh")
-            .args(["-c", "kill -TERM \"$0\"", &self.child.id().to_string()])
+            .args(["-c", "kill -\"$1\" \"$0\"", &self.child.id().to_string(), name])
             .status()
-            .context("can't run sh to send SIGTERM")?;
+            .context("can't run sh to send a signal")?;
         if !sent.success() {
-            bail!("stereod was gone before SIGTERM: {:?}", self.child.try_wait()?);
+            bail!("stereod was gone before SIG{name}: {:?}", self.child.try_wait()?);
         }
-        self.child.wait().context("can't wait for stereod")
+        Ok(())
     }
 }
 

@@ -24,3 +24,4 @@ mod replies;
 mod rough_clients;
 mod shares;
 mod split_frames;
+mod zenoh;

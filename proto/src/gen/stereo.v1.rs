@@ -837,3 +837,112 @@ pub struct StereoRequest {
     #[prost(message, optional, tag = "8")]
     pub options: ::core::option::Option<Options>,
 }
+/// What goes with a single image of a camera, as the attachment of its Zenoh message: without it, nobody can tell which left and
+/// right image belong together. An image of type `stereo.v1.Image` with a timestamp needs none.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, ::prost::Message)]
+pub struct ImageStamp {
+    /// Frame number of the camera, the same for the left and the right image.
+    #[prost(uint64, optional, tag = "1")]
+    pub sequence: ::core::option::Option<u64>,
+    /// When the image was taken, by the camera's clock.
+    #[prost(message, optional, tag = "2")]
+    pub timestamp: ::core::option::Option<::prost_types::Timestamp>,
+}
+/// What the server does with the frames of one camera.
+#[derive(Clone, PartialEq, ::prost::Message)]
+pub struct CameraSettings {
+    /// For frames without options of their own. Its latency budget bounds all frames of the camera: the smallest given counts. Of the
+    /// class deadline or best effort; semi-dense or dense as elsewhere. Absent = all defaults.
+    #[prost(message, optional, tag = "1")]
+    pub options: ::core::option::Option<Options>,
+    /// For frames without a calibration of their own.
+    #[prost(message, optional, tag = "2")]
+    pub calibration: ::core::option::Option<Calibration>,
+    /// How single images are brought together. Absent = all defaults.
+    #[prost(message, optional, tag = "3")]
+    pub pairing: ::core::option::Option<Pairing>,
+    /// Counts the changes, from 0. Only in replies; ignored in a request.
+    #[prost(uint64, tag = "4")]
+    pub revision: u64,
+}
+/// How a left and a right image are brought together.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, ::prost::Message)]
+pub struct Pairing {
+    /// By what. Unspecified = by sequence where both images have one, else by time.
+    #[prost(enumeration = "PairingKey", tag = "1")]
+    pub key: i32,
+    /// Largest difference of the two timestamps, above 0 and up to 1 s; less than half the time between two frames, or images of
+    /// different frames may be taken for a pair. Absent = 10 ms.
+    #[prost(message, optional, tag = "2")]
+    pub tolerance: ::core::option::Option<::prost_types::Duration>,
+    /// How long an image waits for its other half, above 0 and up to 10 s. Absent = 200 ms.
+    #[prost(message, optional, tag = "3")]
+    pub patience: ::core::option::Option<::prost_types::Duration>,
+}
+/// What a server tells about itself a few times a second, so that clients can choose.
+#[derive(Clone, PartialEq, ::prost::Message)]
+pub struct ServerLoad {
+    /// Name of the server, `\[A-Za-z0-9_.-\]{1,64}`.
+    #[prost(string, tag = "1")]
+    pub instance: ::prost::alloc::string::String,
+    /// Threads that compute.
+    #[prost(uint32, tag = "2")]
+    pub workers: u32,
+    /// Those that are at a frame.
+    #[prost(uint32, tag = "3")]
+    pub busy_workers: u32,
+    /// Frames that wait for a worker.
+    #[prost(uint32, tag = "4")]
+    pub waiting: u32,
+    /// Time until the workers are through with everything promised, on the average.
+    #[prost(message, optional, tag = "5")]
+    pub backlog: ::core::option::Option<::prost_types::Duration>,
+    /// Work offered lately as a share of what the workers can do: 1 = all of it. Only what has been promised counts.
+    #[prost(double, tag = "6")]
+    pub mandatory_load: f64,
+    /// The same with every rung that was asked for.
+    #[prost(double, tag = "7")]
+    pub full_load: f64,
+    /// Level of the overload ladder: 0 nothing is cut, 5 refusing.
+    #[prost(uint32, tag = "8")]
+    pub overload_rung: u32,
+    /// Whether it is stopping and takes no new work.
+    #[prost(bool, tag = "9")]
+    pub draining: bool,
+    /// Cameras it serves.
+    #[prost(uint32, tag = "10")]
+    pub cameras: u32,
+}
+/// By what two images are brought together.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, ::prost::Enumeration)]
+#[repr(i32)]
+pub enum PairingKey {
+    /// Not given: by sequence where both images have one, else by time.
+    Unspecified = 0,
+    /// By sequence number alone.
+    Sequence = 1,
+    /// By timestamp alone.
+    Time = 2,
+}
+impl PairingKey {
+    /// String value of the enum field names used in the ProtoBuf definition.
+    ///
+    /// The values are not transformed in any way and thus are considered stable
+    /// (if the ProtoBuf definition does not change) and safe for programmatic use.
+    pub fn as_str_name(&self) -> &'static str {
+        match self {
+            Self::Unspecified => "PAIRING_KEY_UNSPECIFIED",
+            Self::Sequence => "PAIRING_KEY_SEQUENCE",
+            Self::Time => "PAIRING_KEY_TIME",
+        }
+    }
+    /// Creates an enum from field names used in the ProtoBuf definition.
+    pub fn from_str_name(value: &str) -> ::core::option::Option<Self> {
+        match value {
+            "PAIRING_KEY_UNSPECIFIED" => Some(Self::Unspecified),
+            "PAIRING_KEY_SEQUENCE" => Some(Self::Sequence),
+            "PAIRING_KEY_TIME" => Some(Self::Time),
+            _ => None,
+        }
+    }
+}

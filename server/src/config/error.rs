@@ -65,6 +65,20 @@ pub enum ConfigError {
         /// The value given.
         got: u32,
     },
+    /// Zenoh's own configuration can't be used.
+    #[error("zenoh can't be configured so: {reason}")]
+    Zenoh {
+        /// Where and why.
+        reason: String,
+    },
+    /// The settings of a camera can't be used.
+    #[error("zenoh.cameras.{camera} is not acceptable: {reason}")]
+    Camera {
+        /// Its name.
+        camera: String,
+        /// What is wrong.
+        reason: String,
+    },
     /// Bodies of the largest size could never be accepted.
     #[error("{name} ({bytes_in_flight}) must be at least limits.body_bytes ({body_bytes})")]
     FlightBelowBody {

@@ -3,6 +3,7 @@
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
+use bytes::Bytes;
 use tokio::sync::{oneshot, watch};
 
 use crate::job::{FrameReply, FrameRequest};
@@ -14,13 +15,23 @@ pub(crate) type Outcome = Result<FrameReply, ServiceError>;
 /// Called on the worker after each finished rung.
 pub type OnRung = Box<dyn Fn(stereo::Quality) + Send + Sync>;
 
+/// Called on the worker with the body of what there is after a rung that is not the last.
+pub type OnPartial = Box<dyn Fn(Bytes) + Send + Sync>;
+
+/// Who wants to know how a request gets on.
+#[derive(Default)]
+pub(crate) struct Listeners {
+    pub(crate) on_rung: Option<OnRung>,
+    pub(crate) on_partial: Option<OnPartial>,
+}
+
 /// One request on its way through a worker. Shared by the worker, which computes, and its slot, which answers if the worker doesn't.
 pub(crate) struct Job {
     pub(crate) request: FrameRequest,
     pub(crate) enqueued_at: Instant,
     /// Whether workers that have nothing to do may help with it.
     pub(crate) is_split: bool,
-    on_rung: Option<OnRung>,
+    listeners: Listeners,
     /// Taken by whoever answers.
     reply: Mutex<Option<(oneshot::Sender<Outcome>, Admitted)>>,
 }
@@ -29,7 +40,7 @@ impl Job {
     /// The job, and the end its outcome arrives at.
     pub(super) fn new(
         request: FrameRequest,
-        on_rung: Option<OnRung>,
+        listeners: Listeners,
         admitted: Admitted,
     ) -> (Self, oneshot::Receiver<Outcome>) {
         let (reply, outcome) = oneshot::channel();
@@ -38,7 +49,7 @@ impl Job {
                 request,
                 enqueued_at: Instant::now(),
                 is_split: false,
-                on_rung,
+                listeners,
                 reply: Mutex::new(Some((reply, admitted))),
             },
             outcome,
@@ -47,14 +58,24 @@ impl Job {
 
     /// A job outside any queue, for which nobody waits.
     pub(crate) fn detached(request: FrameRequest) -> Self {
-        Self::new(request, None, Admitted::new(&watch::Sender::new(0))).0
+        Self::new(
+            request,
+            Listeners::default(),
+            Admitted::new(&watch::Sender::new(0)),
+        )
+        .0
     }
 
     /// Tells whoever watches that a rung is finished.
     pub(crate) fn report_rung(&self, quality: stereo::Quality) {
-        if let Some(on_rung) = &self.on_rung {
+        if let Some(on_rung) = &self.listeners.on_rung {
             on_rung(quality);
         }
+    }
+
+    /// Who gets what there is before everything is done, if somebody does.
+    pub(crate) fn on_partial(&self) -> Option<&OnPartial> {
+        self.listeners.on_partial.as_ref()
     }
 
     /// Ends the job; only the first answer counts. The request and the place among the admitted ones are given up first, so that

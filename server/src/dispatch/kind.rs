@@ -276,8 +276,18 @@ pub(crate) fn encode_kind(formats: &[ReplyFormat], options: &FrameOptions, size:
         ReplyFormat::ColorPng => 8,
         ReplyFormat::Glb => 16,
         ReplyFormat::Ply => 32,
+        ReplyFormat::DisparityPart => 64,
+        ReplyFormat::MeshPart => 128,
+        // Costs next to nothing.
+        ReplyFormat::ReportPart => 0,
     };
-    let result = if formats.contains(&ReplyFormat::Protobuf) {
+    let is_result = |format: &ReplyFormat| {
+        matches!(
+            format,
+            ReplyFormat::Protobuf | ReplyFormat::DisparityPart | ReplyFormat::MeshPart
+        )
+    };
+    let result = if formats.iter().any(is_result) {
         result_code(options)
     } else {
         0

@@ -118,6 +118,14 @@ impl Seat {
         })
     }
 
+    /// What there is at a rung has been handed out.
+    pub(crate) fn shared(&self) -> Result<Verdict, Replaced> {
+        self.tell(|state, now| {
+            let verdict = state.scheduler.shared(now, self.index);
+            state.follow(self.index, verdict)
+        })
+    }
+
     /// A step within a rung is finished.
     pub(crate) fn step_done(&self) -> Result<Verdict, Replaced> {
         self.tell(|state, now| {

@@ -11,6 +11,11 @@ use super::internal;
 use crate::job::{MatchedFrame, Report};
 use crate::status::ServiceError;
 
+/// A report as it stands in JSON.
+pub(crate) fn report_fields(report: &Report) -> impl Serialize + '_ {
+    ReportFields::new(report)
+}
+
 /// The frame's report; `finish` is called when everything else is known.
 pub(super) fn encode(frame: &MatchedFrame<'_>, finish: &dyn Fn() -> Report) -> Result<Vec<u8>, ServiceError> {
     let mesh = frame

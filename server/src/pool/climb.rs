@@ -101,6 +101,14 @@ impl Guide<'_> {
         }
     }
 
+    /// What there is at a rung has been handed out.
+    fn shared(&mut self) -> Result<Verdict, Replaced> {
+        match self {
+            Self::Seat(seat) => seat.shared(),
+            Self::Clock(_) => Ok(Verdict::Continue),
+        }
+    }
+
     fn step_done(&mut self) -> Result<Verdict, Replaced> {
         match self {
             Self::Seat(seat) => seat.step_done(),
@@ -137,6 +145,9 @@ impl Guide<'_> {
     }
 }
 
+/// Hands out what there is.
+pub(super) type Share<'a> = dyn Fn(&mut Rig, &Height) -> Result<(), ServiceError> + 'a;
+
 /// The end of the ladder.
 const COMPLETE: Verdict = Verdict::Finish {
     has_mesh: true,
@@ -163,9 +174,9 @@ pub(super) enum Top {
 }
 
 /// From where the frame is until it is told to stop, first by `verdict`, with the help of `join`. `has_mesh` as planned; `active` is how
-/// long the frame has been worked on before.
+/// long the frame has been worked on before. `share` hands out what there is at a rung that is not the last, if somebody wants that.
 pub(super) fn climb(
-    (rig, join): (&mut Rig, &dyn ForkJoin),
+    (rig, join, share): (&mut Rig, &dyn ForkJoin, Option<&Share<'_>>),
     job: &Job,
     height: &mut Height,
     guide: &mut Guide<'_>,
@@ -199,7 +210,14 @@ pub(super) fn climb(
             Progress::Improved(quality) | Progress::Converged(quality) if quality.rung > reached => {
                 height.quality = Some(quality);
                 job.report_rung(quality);
-                guide.rung_done(quality.rung, matches!(progress, Progress::Improved(_)))?
+                let verdict = guide.rung_done(quality.rung, matches!(progress, Progress::Improved(_)))?;
+                match share {
+                    Some(share) if verdict == Verdict::Continue => {
+                        share(rig, height)?;
+                        guide.shared()?
+                    }
+                    _ => verdict,
+                }
             }
             // Nothing was left to do, which the scheduler could not know.
             Progress::Improved(_) | Progress::Converged(_) => Verdict::Finish {

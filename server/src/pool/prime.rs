@@ -105,7 +105,7 @@ fn match_once(worker: &mut Worker, job: &Job, is_half: bool, rungs: u8) -> Resul
     guide.decoded()?;
     let go = (Verdict::Continue, true);
     climb(
-        (rig, &Serial),
+        (rig, &Serial, None),
         job,
         &mut Height::default(),
         &mut guide,
@@ -170,6 +170,8 @@ pub(crate) fn dummy_request() -> FrameRequest {
             ReplyFormat::ColorPng,
             ReplyFormat::Glb,
             ReplyFormat::Ply,
+            ReplyFormat::DisparityPart,
+            ReplyFormat::MeshPart,
         ],
         received_at: Instant::now(),
         client: String::new(),

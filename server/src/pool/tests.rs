@@ -5,7 +5,7 @@ use tokio::sync::oneshot;
 
 use super::prime::dummy_request;
 use super::*;
-use crate::dispatch::{Outcome, Setting};
+use crate::dispatch::{Listeners, Outcome, Setting};
 use crate::job::{FrameOptions, FrameReply, FrameRequest, PriorityClass, ReplyFormat, RungsCut};
 
 const PATIENT: Patience = Patience {
@@ -45,7 +45,11 @@ fn named(camera: &str) -> FrameRequest {
 }
 
 fn send(shared: &Shared, request: FrameRequest) -> oneshot::Receiver<Outcome> {
-    shared.dispatch.submit(request, None).unwrap().outcome
+    shared
+        .dispatch
+        .submit(request, Listeners::default())
+        .unwrap()
+        .outcome
 }
 
 fn wait(outcome: oneshot::Receiver<Outcome>) -> Outcome {
@@ -208,7 +212,11 @@ fn a_policy_that_cuts_rungs_shows_in_the_report() {
 #[test]
 fn a_client_that_goes_stops_its_frame_after_the_present_step() {
     let mut bench = Bench::new(Policy::Edf);
-    let admission = bench.shared.dispatch.submit(request(), None).unwrap();
+    let admission = bench
+        .shared
+        .dispatch
+        .submit(request(), Listeners::default())
+        .unwrap();
     let mut run = bench.start();
     assert!(bench.shared.dispatch.cancel(admission.ticket));
     let ended = bench.worker.process(&mut run, &bench.seat);

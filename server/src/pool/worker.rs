@@ -8,11 +8,11 @@ use stereo::{ForkJoin, Level, Preset, Serial, rung_names};
 use stereo_scheduler::{Dispatch as Taken, Plan, StopReason, Ticket, Verdict};
 
 use super::Shared;
-use super::climb::{Guide, Height, Stopped, Top, climb};
+use super::climb::{Guide, Height, Share, Stopped, Top, climb};
 use super::rig::Rig;
 use crate::dispatch::{Job, Seat, work};
 use crate::encode;
-use crate::job::{Degradation, FrameReply, MatchedFrame, PriorityClass, Report, RungsCut};
+use crate::job::{Degradation, FrameReply, MatchedFrame, PriorityClass, ReplyFormat, Report, RungsCut};
 use crate::status::ServiceError;
 
 /// The matchers, the buffers, and what they are used with.
@@ -150,8 +150,21 @@ impl Worker {
             Some(helpers) if run.job.is_split => helpers,
             _ => &Serial,
         };
+        let desk = Desk {
+            seat,
+            shared: &self.shared,
+            worker: self.index,
+            job: &run.job,
+            plan: &run.plan,
+            waiting: run.waiting,
+            taken_at: run.taken_at,
+            aside_for: run.aside_for,
+            decoded_at,
+        };
+        let share = |rig: &mut Rig, height: &Height| desk.share(rig, height, run.plan.has_mesh);
+        let share = run.job.on_partial().map(|_| &share as &Share<'_>);
         let top = climb(
-            (&mut self.rig, join),
+            (&mut self.rig, join, share),
             &run.job,
             &mut run.height,
             &mut guide,
@@ -161,55 +174,99 @@ impl Worker {
         let Top::Finish { has_mesh, because } = top else {
             return Ok(Ended::Aside);
         };
-        let matched_at = Instant::now();
-        let meshed_at = self.rig.finish(request, has_mesh);
-        if meshed_at.is_some() {
+        let times = desk.finish(&mut self.rig, has_mesh);
+        if times.meshed_at.is_some() {
             guide.meshed()?;
         }
-        let times = Times {
-            decoded_at,
-            matched_at,
-            meshed_at,
-        };
-        let finish = || self.report(run, because, &times, seat.expected());
-        let (left_gray, map) = self.rig.result(request)?;
-        let frame = MatchedFrame {
-            request,
-            left_gray,
-            map,
-            mesh: meshed_at.map(|_| &self.rig.mesh),
-        };
         let mut bodies: Vec<Bytes> = Vec::with_capacity(request.formats.len());
         for &format in &request.formats {
-            bodies.push(encode::body(format, &frame, &finish)?);
+            bodies.push(desk.body(format, &self.rig, &run.height, because, &times)?);
             guide.encoded()?;
         }
         Ok(Ended::Reply(Box::new(FrameReply {
             bodies,
-            report: finish(),
+            report: desk.report(&run.height, because, &times),
             costs: None,
         })))
     }
+}
 
-    fn report(&self, run: &Run, because: StopReason, times: &Times, expected: Duration) -> Report {
+/// Where a result and its report are written.
+struct Desk<'a> {
+    seat: &'a Seat,
+    shared: &'a Shared,
+    worker: usize,
+    job: &'a Job,
+    plan: &'a Plan,
+    waiting: usize,
+    taken_at: Instant,
+    aside_for: Duration,
+    decoded_at: Instant,
+}
+
+impl Desk<'_> {
+    /// Hands out what there is now.
+    fn share(&self, rig: &mut Rig, height: &Height, has_mesh: bool) -> Result<(), ServiceError> {
+        let (Some(on_partial), Some(&format)) = (self.job.on_partial(), self.job.request.formats.first())
+        else {
+            return Ok(());
+        };
+        let times = self.finish(rig, has_mesh);
+        on_partial(self.body(format, rig, height, StopReason::Complete, &times)?);
+        Ok(())
+    }
+
+    /// Brings map and mesh into the form they are sent in.
+    fn finish(&self, rig: &mut Rig, has_mesh: bool) -> Times {
+        let matched_at = Instant::now();
+        Times {
+            decoded_at: self.decoded_at,
+            matched_at,
+            meshed_at: rig.finish(&self.job.request, has_mesh),
+        }
+    }
+
+    fn body(
+        &self,
+        format: ReplyFormat,
+        rig: &Rig,
+        height: &Height,
+        because: StopReason,
+        times: &Times,
+    ) -> Result<Bytes, ServiceError> {
+        let request = &self.job.request;
+        let (left_gray, map) = rig.result(request)?;
+        let frame = MatchedFrame {
+            request,
+            left_gray,
+            map,
+            mesh: times.meshed_at.map(|_| &rig.mesh),
+        };
+        encode::body(format, &frame, &|| self.report(height, because, times))
+    }
+
+    fn report(&self, height: &Height, because: StopReason, times: &Times) -> Report {
         let now = Instant::now();
-        let request = &run.job.request;
+        let request = &self.job.request;
         let options = &request.options;
         let Height {
             quality,
             steps,
             has_converged,
             matched,
-        } = run.height;
+        } = *height;
         let (rung, estimate, density) = quality.map_or((0, 0.0, 0.0), |q| (q.rung, q.estimate, q.density));
         let asked = work(request, false);
         let encoding_from = times.meshed_at.unwrap_or(times.matched_at);
-        let actual_cost = (now - run.taken_at).saturating_sub(run.aside_for);
+        let actual_cost = (now - self.taken_at).saturating_sub(self.aside_for);
         Report {
             budget: options.latency_budget,
-            received: run.job.enqueued_at.saturating_duration_since(request.received_at),
-            queued: run.taken_at - run.job.enqueued_at,
-            decoded: times.decoded_at - run.taken_at,
+            received: self
+                .job
+                .enqueued_at
+                .saturating_duration_since(request.received_at),
+            queued: self.taken_at - self.job.enqueued_at,
+            decoded: times.decoded_at - self.taken_at,
             matched,
             meshed: times
                 .meshed_at
@@ -219,7 +276,7 @@ impl Worker {
             iterations_run: rung.into(),
             iterations_asked: asked.rungs.into(),
             rung: rung_name(options.params.preset, rung),
-            predicted_cost: expected,
+            predicted_cost: self.seat.expected(),
             actual_cost,
             deadline_met: match options.priority {
                 PriorityClass::Background => actual_cost <= options.latency_budget,
@@ -232,13 +289,13 @@ impl Worker {
             steps,
             has_converged,
             degradation: Degradation {
-                rungs: cut(because, rung, asked.rungs, &run.plan).filter(|_| !has_converged),
-                is_half: run.plan.is_half,
+                rungs: cut(because, rung, asked.rungs, self.plan).filter(|_| !has_converged),
+                is_half: self.plan.is_half,
                 has_no_mesh: asked.mesh.is_some() && times.meshed_at.is_none(),
             },
-            worker: u32::try_from(self.index).unwrap_or(u32::MAX),
+            worker: u32::try_from(self.worker).unwrap_or(u32::MAX),
             instance: self.shared.instance.clone(),
-            queue_depth: u32::try_from(run.waiting).unwrap_or(u32::MAX),
+            queue_depth: u32::try_from(self.waiting).unwrap_or(u32::MAX),
             software_version: env!("CARGO_PKG_VERSION"),
         }
     }

@@ -10,6 +10,15 @@ fn every_error() -> Vec<(ServiceError, u16, &'static str)> {
             404,
             "INVALID",
         ),
+        (ServiceError::NoSuchStream { camera: "x".into() }, 404, "INVALID"),
+        (
+            ServiceError::NoFrames {
+                camera: "x".into(),
+                waited: budget,
+            },
+            404,
+            "INVALID",
+        ),
         (
             ServiceError::MethodNotAllowed {
                 path: "/".into(),

@@ -4,6 +4,7 @@
 //! | --- | --- |
 //! | `POST /v1/stereo` | a pair in, a result out ([`frames`]) |
 //! | `POST /v1/stereo/batch` | pairs in, results out as they finish ([`batch`]) |
+//! | `GET /v1/streams`, `/v1/streams/{camera}`, `../latest`, `../events` | camera streams, live ([`streams`]) |
 //! | `GET /metrics` | everything that is counted ([`about`]) |
 //! | `GET /` and the files below | the web page ([`console`]) |
 //! | `GET /v1/info`, `/v1/schema.binpb`, `/livez`, `/readyz` | about the server ([`about`]) |
@@ -19,6 +20,7 @@ mod form;
 mod frames;
 mod negotiate;
 mod refusal;
+mod streams;
 
 use std::sync::Arc;
 
@@ -36,12 +38,14 @@ use crate::dispatch::BACKGROUND_CAPACITY;
 use crate::info::Info;
 use crate::service::Service;
 use crate::status::ServiceError;
+use crate::streams::Streams;
 
 /// What the routes share.
 struct Http {
     service: Arc<Service>,
     bodies: body::BodyLimits,
     max_image_px: u64,
+    streams: Arc<Streams>,
     info: Info,
     hints: early::Hints,
     /// Requests of all batches that may wait for a worker at one time.
@@ -49,9 +53,10 @@ struct Http {
 }
 
 /// All routes in front of `service`. `simd` is the name of the instruction-set level in use.
-pub fn router(config: &Config, simd: &'static str, service: Arc<Service>) -> Router {
+pub fn router(config: &Config, simd: &'static str, service: Arc<Service>, streams: Arc<Streams>) -> Router {
     let http = Http {
         service,
+        streams,
         bodies: body::BodyLimits::new(config),
         max_image_px: config.limits.image_pixels,
         info: Info::new(config, simd),
@@ -62,6 +67,16 @@ pub fn router(config: &Config, simd: &'static str, service: Arc<Service>) -> Rou
     console::routes(Router::new())
         .route("/v1/stereo", only("POST", post(frames::post)))
         .route("/v1/stereo/batch", only("POST", post(batch::post)))
+        .route("/v1/streams", only("GET, HEAD", get(streams::all)))
+        .route("/v1/streams/{camera}", only("GET, HEAD", get(streams::one)))
+        .route(
+            "/v1/streams/{camera}/latest",
+            only("GET, HEAD", get(streams::latest)),
+        )
+        .route(
+            "/v1/streams/{camera}/events",
+            only("GET, HEAD", get(streams::events)),
+        )
         .route("/metrics", only("GET, HEAD", get(about::metrics)))
         .route("/v1/info", only("GET, HEAD", get(about::info)))
         .route("/v1/schema.binpb", only("GET, HEAD", get(about::schema)))

@@ -48,6 +48,11 @@ pub fn request_from_form(parts: FormParts) -> Result<v1::StereoRequest, ServiceE
     Ok(request)
 }
 
+/// Everything of a request but its images, from a JSON object.
+pub(super) fn options_from_value(json: &serde_json::Value) -> Result<v1::StereoRequest, ServiceError> {
+    options_from_json(json.to_string().as_bytes())
+}
+
 fn image(side: Side, file: Bytes) -> Result<v1::Image, ServiceError> {
     let encoding = match decode::inspect(side, &file)?.0 {
         ImageEncoding::Jpeg => v1::ImageEncoding::Jpeg,

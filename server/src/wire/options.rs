@@ -56,6 +56,7 @@ pub(super) fn validate(
     let disparity_encoding = disparity_encoding(options)?;
     let is_16_bit = |format: &ReplyFormat| match format {
         ReplyFormat::DisparityPng => true,
+        ReplyFormat::DisparityPart => disparity_encoding != DisparityEncoding::F32,
         ReplyFormat::Protobuf => outputs.disparity && disparity_encoding != DisparityEncoding::F32,
         _ => false,
     };

@@ -2,9 +2,16 @@
 
 use std::time::Duration;
 
+use prost::Message;
 use stereo_proto::v1;
 
 use crate::job::{FrameOptions, Report};
+
+/// The bytes of an `ExecutionReport`.
+#[must_use]
+pub fn report_body(report: &Report) -> Vec<u8> {
+    to_proto(report).encode_to_vec()
+}
 
 /// Field by field.
 pub(super) fn to_proto(report: &Report) -> v1::ExecutionReport {

@@ -55,7 +55,38 @@ pub fn result_body(frame: &MatchedFrame<'_>, finish: &dyn Fn() -> Report) -> Res
     Ok(body)
 }
 
+/// The disparity alone, as the bytes of a `Disparity`.
+///
+/// # Errors
+/// [`ServiceError::Internal`] if the PNG encoder or the compression fails.
+pub fn disparity_body(frame: &MatchedFrame<'_>) -> Result<Vec<u8>, ServiceError> {
+    let mut parts = FrameParts {
+        disparity: Some(disparity(frame, &Echo::new(frame), true)?),
+        ..FrameParts::default()
+    };
+    parts.compress(frame.request.options.compression)?;
+    Ok(parts.disparity.unwrap_or_default().encode_to_vec())
+}
+
+/// The mesh alone, as the bytes of a `Mesh`.
+///
+/// # Errors
+/// As [`result_body`].
+pub fn mesh_body(frame: &MatchedFrame<'_>) -> Result<Vec<u8>, ServiceError> {
+    let needs_colors = frame.request.options.outputs.colors;
+    let colors = needs_colors
+        .then(|| decode::color(Side::Left, &frame.request.left))
+        .transpose()?;
+    let mut parts = FrameParts {
+        mesh: Some(mesh(frame, &Echo::new(frame), colors.as_ref())?),
+        ..FrameParts::default()
+    };
+    parts.compress(frame.request.options.compression)?;
+    Ok(parts.mesh.unwrap_or_default().encode_to_vec())
+}
+
 /// The payloads.
+#[derive(Default)]
 struct FrameParts {
     disparity: Option<v1::Disparity>,
     depth: Option<v1::Depth>,
@@ -75,7 +106,7 @@ impl FrameParts {
         let camera = frame.request.calibration.as_ref();
         Ok(Self {
             disparity: (outputs.disparity || outputs.confidence)
-                .then(|| disparity(frame, &echo))
+                .then(|| disparity(frame, &echo, outputs.disparity))
                 .transpose()?,
             depth: camera
                 .filter(|_| outputs.depth)
@@ -167,12 +198,12 @@ impl Echo {
     }
 }
 
-fn disparity(frame: &MatchedFrame<'_>, echo: &Echo) -> Result<v1::Disparity, ServiceError> {
+fn disparity(frame: &MatchedFrame<'_>, echo: &Echo, has_data: bool) -> Result<v1::Disparity, ServiceError> {
     use v1::DisparityEncoding as Wire;
     let request = frame.request;
     let fixed = frame.map.fixed();
     let (encoding, step, data) = match request.options.disparity_encoding {
-        _ if !request.options.outputs.disparity => (Wire::Unspecified, 0, Vec::new()),
+        _ if !has_data => (Wire::Unspecified, 0, Vec::new()),
         DisparityEncoding::F32 => {
             let px = frame.map.iter_px().map(f32::to_le_bytes);
             (Wire::F32, 4 * echo.width, px.collect::<Vec<_>>().into_flattened())

@@ -102,6 +102,16 @@ impl<K: Kind, J> Scheduler<K, J> {
         self.go_on(now, worker, false)
     }
 
+    /// `worker` has sent what it has at a rung, and could go on: whether it still should. What that took is nobody's measure.
+    pub fn shared(&mut self, now: Duration, worker: usize) -> Verdict {
+        self.see(now);
+        if let Some(running) = self.running.get_mut(worker).and_then(Option::as_mut) {
+            running.stage_started = now;
+            running.step_started = now;
+        }
+        self.go_on(now, worker, true)
+    }
+
     /// `worker` has made the mesh.
     pub fn meshed(&mut self, now: Duration, worker: usize) {
         self.see(now);
@@ -116,12 +126,15 @@ impl<K: Kind, J> Scheduler<K, J> {
         }
     }
 
-    /// What the stages of the job that `worker` encodes were expected to take, this last one included.
+    /// What the stages of the job of `worker` were expected to take up to the end of an encoding that is under way: of the result, or of
+    /// what there is at a rung. `None` if it has no job.
     #[must_use]
     pub fn expected(&self, worker: usize) -> Option<Duration> {
         let running = self.running.get(worker)?.as_ref()?;
-        let encoding = running.costs.encode(running.reached());
-        (running.phase == Phase::Encode).then(|| running.predicted + encoding.typical)
+        let rung = running.reached();
+        let is_meshed_since = running.has_mesh && running.phase != Phase::Encode;
+        let mesh = is_meshed_since.then(|| running.costs.mesh(rung).typical);
+        Some(running.predicted + mesh.unwrap_or_default() + running.costs.encode(rung).typical)
     }
 
     /// `worker` has encoded its result and is idle. `None` if it had no job.

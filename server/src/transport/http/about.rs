@@ -13,6 +13,7 @@ use serde::Serialize;
 use super::Http;
 use crate::service::Health;
 use crate::status::ServiceError;
+use crate::streams::Network;
 
 /// Media type of OpenMetrics text.
 const OPEN_METRICS: &str = "application/openmetrics-text; version=1.0.0; charset=utf-8";
@@ -38,7 +39,7 @@ pub(super) async fn live() -> Response {
 
 /// `GET /readyz`: 200 if a frame sent now would be taken, else 503 and why not.
 pub(super) async fn ready(State(http): State<Arc<Http>>) -> Response {
-    let (code, readiness) = readiness(http.service.health());
+    let (code, readiness) = readiness(http.service.health(), http.streams.network());
     json(code, &readiness)
 }
 
@@ -62,9 +63,10 @@ struct Readiness {
     #[serde(skip_serializing_if = "Option::is_none")]
     why: Option<String>,
     queue_depth: usize,
+    zenoh: Network,
 }
 
-fn readiness(health: Health) -> (StatusCode, Readiness) {
+fn readiness(health: Health, zenoh: Network) -> (StatusCode, Readiness) {
     let Health {
         workers,
         workers_primed,
@@ -86,7 +88,7 @@ fn readiness(health: Health) -> (StatusCode, Readiness) {
             "{workers_primed} of {workers} workers have matched their dummy pair"
         ))
     } else {
-        None
+        zenoh.obstacle()
     };
     match why {
         None => (
@@ -95,6 +97,7 @@ fn readiness(health: Health) -> (StatusCode, Readiness) {
                 status: "ready",
                 why,
                 queue_depth,
+                zenoh,
             },
         ),
         Some(_) => (
@@ -103,12 +106,13 @@ fn readiness(health: Health) -> (StatusCode, Readiness) {
                 status: "not ready",
                 why,
                 queue_depth,
+                zenoh,
             },
         ),
     }
 }
 
-fn json(code: StatusCode, value: &impl Serialize) -> Response {
+pub(super) fn json(code: StatusCode, value: &impl Serialize) -> Response {
     match serde_json::to_vec(value) {
         Ok(body) => typed(code, "application/json", body.into()),
         Err(error) => axum::response::IntoResponse::into_response(super::refusal::Refusal::from(
@@ -117,7 +121,7 @@ fn json(code: StatusCode, value: &impl Serialize) -> Response {
     }
 }
 
-fn typed(code: StatusCode, media_type: &'static str, body: Bytes) -> Response {
+pub(super) fn typed(code: StatusCode, media_type: &'static str, body: Bytes) -> Response {
     let mut response = Response::new(Body::from(body));
     *response.status_mut() = code;
     response
@@ -145,36 +149,46 @@ mod tests {
             status: "ready",
             why: None,
             queue_depth: 3,
+            zenoh: Network::default(),
         };
-        assert_eq!(readiness(READY), (StatusCode::OK, ready));
+        assert_eq!(readiness(READY, Network::default()), (StatusCode::OK, ready));
     }
 
     #[test]
     fn a_server_that_is_not_ready_says_why() {
-        let (code, cold) = readiness(Health {
-            workers_primed: 1,
-            ..READY
-        });
+        let (code, cold) = readiness(
+            Health {
+                workers_primed: 1,
+                ..READY
+            },
+            Network::default(),
+        );
         assert_eq!(code, StatusCode::SERVICE_UNAVAILABLE);
         assert_eq!(
             cold.why.as_deref(),
             Some("1 of 2 workers have matched their dummy pair")
         );
-        let (code, broken) = readiness(Health {
-            workers_primed: 1,
-            workers_failed: 1,
-            ..READY
-        });
+        let (code, broken) = readiness(
+            Health {
+                workers_primed: 1,
+                workers_failed: 1,
+                ..READY
+            },
+            Network::default(),
+        );
         assert_eq!(code, StatusCode::SERVICE_UNAVAILABLE);
         assert!(
             broken
                 .why
                 .is_some_and(|why| why.starts_with("1 of 2 workers could not"))
         );
-        let (code, stopping) = readiness(Health {
-            is_draining: true,
-            ..READY
-        });
+        let (code, stopping) = readiness(
+            Health {
+                is_draining: true,
+                ..READY
+            },
+            Network::default(),
+        );
         assert_eq!(code, StatusCode::SERVICE_UNAVAILABLE);
         assert_eq!(stopping.why.as_deref(), Some("the server is stopping"));
     }

@@ -195,7 +195,7 @@ fn content(headers: &HeaderMap) -> Result<Content, ServiceError> {
 }
 
 /// The value of `?view=`; every other parameter is refused by name.
-fn view(query: &str) -> Result<Option<String>, ServiceError> {
+pub(super) fn view(query: &str) -> Result<Option<String>, ServiceError> {
     let mut view = None;
     for parameter in query.split('&').filter(|parameter| !parameter.is_empty()) {
         let (name, value) = parameter.split_once('=').unwrap_or((parameter, ""));

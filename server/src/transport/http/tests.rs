@@ -14,7 +14,8 @@ fn server() -> (Router, Arc<Service>) {
     config.workers.count = 1;
     config.limits.body_bytes = 1 << 20;
     let service = Arc::new(Service::start(&config).unwrap());
-    (router(&config, "scalar", Arc::clone(&service)), service)
+    let streams = Arc::new(Streams::new(service.metrics()));
+    (router(&config, "scalar", Arc::clone(&service), streams), service)
 }
 
 struct Answer {

@@ -1,0 +1,95 @@
+use super::*;
+
+fn streams() -> Streams {
+    Streams::new(&Arc::new(Metrics::new()))
+}
+
+fn reply() -> FrameReply {
+    FrameReply {
+        bodies: vec![Bytes::from_static(b"body")],
+        report: Report::default(),
+        costs: None,
+    }
+}
+
+#[test]
+fn every_frame_is_answered_dropped_or_under_way() {
+    let streams = streams();
+    let stream = streams.open("front").unwrap();
+    for _ in 0..5 {
+        stream.received(false);
+    }
+    stream.answered(Some(1), &[ReplyFormat::Protobuf], reply());
+    stream.dropped(Some(2), &ServiceError::Superseded);
+    stream.dropped(Some(3), &ServiceError::Superseded);
+    let view = stream_json(&stream);
+    let frames = &view["frames"];
+    assert_eq!(frames["received"], 5);
+    assert_eq!(frames["answered"], 1);
+    assert_eq!(frames["dropped"]["SUPERSEDED"], 2);
+    assert_eq!(frames["under_way"], 2);
+    assert_eq!(view["last_result"]["sequence"], 1);
+}
+
+#[test]
+fn numbers_left_out_are_lost_frames_and_older_ones_are_late() {
+    let streams = streams();
+    let stream = streams.open("front").unwrap();
+    assert!(stream.numbered(10));
+    assert!(stream.numbered(13));
+    assert!(!stream.numbered(13));
+    assert!(!stream.numbered(12));
+    assert_eq!(stream_json(&stream)["frames"]["lost"], 2);
+    assert!(stream.numbered(14));
+    let restarted = stream.numbered(1_000_000) && stream.numbered(0);
+    assert!(restarted, "a camera that counts from the start again is followed");
+}
+
+#[test]
+fn a_format_is_watched_as_long_as_somebody_waits_for_it() {
+    let streams = streams();
+    let stream = streams.open("front").unwrap();
+    assert_eq!(stream.watched().count(), 0);
+    let one = stream.watch(ReplyFormat::ColorPng);
+    let two = stream.watch(ReplyFormat::ColorPng);
+    drop(one);
+    assert_eq!(stream.watched().collect::<Vec<_>>(), [ReplyFormat::ColorPng]);
+    drop(two);
+    assert_eq!(stream.watched().count(), 0);
+    assert!(stream.watch(ReplyFormat::Ply).is_none());
+}
+
+#[test]
+fn streams_of_cameras_that_have_gone_make_room() {
+    let streams = streams();
+    for camera in 0..MOST_STREAMS {
+        assert!(streams.open(&camera.to_string()).is_some());
+    }
+    assert!(streams.open("one more").is_none());
+    streams.close("7");
+    assert!(streams.open("one more").is_some());
+    assert!(streams.get("7").is_none());
+    assert_eq!(streams.all().len(), MOST_STREAMS);
+}
+
+#[test]
+fn who_listens_hears_what_happens() {
+    let streams = streams();
+    let stream = streams.open("front").unwrap();
+    let mut events = stream.events();
+    stream.answered(Some(1), &[ReplyFormat::Protobuf], reply());
+    stream.dropped(None, &ServiceError::Superseded);
+    let Event::Answered(answer) = events.try_recv().unwrap() else {
+        panic!("a result came first")
+    };
+    assert_eq!(
+        answer.body(ReplyFormat::Protobuf).map(|body| &body[..]),
+        Some(&b"body"[..])
+    );
+    assert!(answer.body(ReplyFormat::Json).is_none());
+    let (name, data) = event_json(&events.try_recv().unwrap());
+    assert_eq!(
+        (name, &data["reason"]),
+        ("dropped", &serde_json::json!("SUPERSEDED"))
+    );
+}

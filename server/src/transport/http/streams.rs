@@ -1,0 +1,110 @@
+//! `GET /v1/streams..`: camera streams as this server sees them, whatever transport they come over.
+
+use std::convert::Infallible;
+use std::sync::Arc;
+use std::time::Duration;
+
+use axum::extract::{Path, State};
+use axum::http::{HeaderMap, StatusCode, Uri};
+use axum::response::sse::{Event as Sse, KeepAlive};
+use axum::response::{IntoResponse, Response, Sse as SseResponse};
+use futures_util::stream;
+use tokio::sync::broadcast::error::RecvError;
+
+use super::about::{json, typed};
+use super::frames::view;
+use super::refusal::Refusal;
+use super::{Http, negotiate};
+use crate::status::ServiceError;
+use crate::streams::{Event, Stream, event_json, stream_json, streams_json};
+
+/// How long the next result of a stream is waited for.
+const NEXT_RESULT_WITHIN: Duration = Duration::from_secs(2);
+/// Time between two signs of life while nothing happens.
+const KEEP_ALIVE: Duration = Duration::from_secs(5);
+
+/// `GET /v1/streams`.
+pub(super) async fn all(State(http): State<Arc<Http>>) -> Response {
+    json(StatusCode::OK, &streams_json(&http.streams))
+}
+
+/// `GET /v1/streams/{camera}`.
+pub(super) async fn one(
+    State(http): State<Arc<Http>>,
+    Path(camera): Path<String>,
+) -> Result<Response, Refusal> {
+    Ok(json(StatusCode::OK, &stream_json(&*find(&http, &camera)?)))
+}
+
+/// `GET /v1/streams/{camera}/latest`: the next result, in the accepted format.
+pub(super) async fn latest(
+    State(http): State<Arc<Http>>,
+    Path(camera): Path<String>,
+    uri: Uri,
+    headers: HeaderMap,
+) -> Result<Response, Refusal> {
+    let stream = find(&http, &camera)?;
+    let reply = negotiate::reply(&headers, view(uri.query().unwrap_or_default())?.as_deref())?;
+    let Some(_watch) = stream.watch(reply.format) else {
+        let got = reply.media_type.to_owned();
+        let expected = "application/x-protobuf, application/json, image/png or model/gltf-binary";
+        return Err(ServiceError::NotAcceptable { expected, got }.into());
+    };
+    let mut events = stream.events();
+    let next = async {
+        loop {
+            match events.recv().await {
+                Ok(Event::Answered(answer)) => {
+                    if let Some(body) = answer.body(reply.format) {
+                        return Some(body.clone());
+                    }
+                }
+                Ok(Event::Dropped { .. }) | Err(RecvError::Lagged(_)) => {}
+                Err(RecvError::Closed) => return None,
+            }
+        }
+    };
+    match tokio::time::timeout(NEXT_RESULT_WITHIN, next).await {
+        Ok(Some(body)) => Ok(typed(StatusCode::OK, reply.media_type, body)),
+        Ok(None) | Err(_) => Err(ServiceError::NoFrames {
+            camera,
+            waited: NEXT_RESULT_WITHIN,
+        }
+        .into()),
+    }
+}
+
+/// `GET /v1/streams/{camera}/events`: server-sent events, `result` and `dropped`, as they happen; `missed` says how many a slow reader
+/// has missed.
+pub(super) async fn events(
+    State(http): State<Arc<Http>>,
+    Path(camera): Path<String>,
+) -> Result<Response, Refusal> {
+    let stream = find(&http, &camera)?;
+    let draining = {
+        let http = Arc::clone(&http);
+        Box::pin(async move { http.service.draining().await })
+    };
+    let live = stream::unfold((stream.events(), draining), |(mut events, mut draining)| async {
+        let (name, data) = tokio::select! {
+            () = &mut draining => return None,
+            event = events.recv() => match event {
+                Ok(event) => event_json(&event),
+                Err(RecvError::Lagged(count)) => ("missed", serde_json::json!({ "events": count })),
+                Err(RecvError::Closed) => return None,
+            },
+        };
+        let event = Sse::default().event(name).data(data.to_string());
+        Some((Ok::<_, Infallible>(event), (events, draining)))
+    });
+    let keep_alive = KeepAlive::new().interval(KEEP_ALIVE);
+    Ok(SseResponse::new(live).keep_alive(keep_alive).into_response())
+}
+
+fn find(http: &Http, camera: &str) -> Result<Arc<Stream>, ServiceError> {
+    http.streams
+        .get(camera)
+        .ok_or_else(|| ServiceError::NoSuchStream {
+            camera: camera.chars().take(64).collect(),
+        })
+}

@@ -1,0 +1,292 @@
+//! Requests with an answer: `compute` for whichever server is nearest and for this one, `settings` for the cameras this one serves.
+//!
+//! A refusal is a `reply_err` with a protobuf `Status`. Something that is answered by nobody gets zero replies, at once.
+
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use prost::Message;
+use tokio::sync::{OwnedSemaphorePermit, mpsc};
+use tokio::task::spawn_blocking;
+use zenoh::Wait;
+use zenoh::bytes::ZBytes;
+use zenoh::query::{Query, Queryable};
+
+use super::settings::Revision;
+use super::{Context, keys, payload};
+use crate::job::{FrameRequest, PriorityClass, ReplyFormat};
+use crate::status::ServiceError;
+use crate::wire::{Intake, decode_request, frame_request, latency_budget_from_ms};
+
+/// Better results of one request that may wait to be sent.
+const PARTIAL_WAITING: usize = 1;
+
+/// Takes requests from now on.
+pub(super) async fn declare_compute(context: &Arc<Context>) -> zenoh::Result<Vec<Queryable<()>>> {
+    let mut queryables = Vec::new();
+    for key in [keys::COMPUTE.to_owned(), keys::compute(&context.instance)] {
+        let weak = Arc::downgrade(context);
+        let queryable = context
+            .session
+            .declare_queryable(key)
+            // One answers, the nearest: otherwise every server would compute every request.
+            .complete(true)
+            .callback(move |query| {
+                let received_at = Instant::now();
+                if let Some(context) = weak.upgrade() {
+                    let admitted = match query.payload() {
+                        Some(payload) => context.admit(payload),
+                        None => context.admit(&ZBytes::new()),
+                    };
+                    context.spawn(compute(Arc::clone(&context), query, received_at, admitted));
+                }
+            })
+            .await?;
+        queryables.push(queryable);
+    }
+    Ok(queryables)
+}
+
+/// One request, from its payload to its last reply.
+async fn compute(
+    context: Arc<Context>,
+    query: Query,
+    received_at: Instant,
+    admitted: Result<OwnedSemaphorePermit, ServiceError>,
+) {
+    let query = Arc::new(query);
+    let request = admitted.and_then(|share| Ok((share, request(&context, &query, received_at)?)));
+    let (share, (frame, is_partial)) = match request {
+        Ok(request) => request,
+        Err(error) => {
+            let error = context.service.refuse(error, received_at, "");
+            return refuse(&query, &error, "").await;
+        }
+    };
+    let request_id = frame.ids.request_id.clone();
+    let (partial, mut partials) = mpsc::channel(PARTIAL_WAITING);
+    let sink = is_partial.then(|| {
+        let sink: crate::service::OnPartial = Box::new(move |body| {
+            // What can't be sent before the next one is ready isn't worth sending.
+            drop(partial.try_send(body));
+        });
+        sink
+    });
+    let work = context.service.submit_partial(frame, sink);
+    tokio::pin!(work);
+    let outcome = loop {
+        tokio::select! {
+            biased;
+            outcome = &mut work => break outcome,
+            Some(body) = partials.recv() => answer(&query, body).await,
+        }
+    };
+    drop(share);
+    // The first result always comes first, however soon the last one was ready.
+    while let Ok(body) = partials.try_recv() {
+        answer(&query, body).await;
+    }
+    match outcome {
+        Ok(reply) => answer(&query, reply.bodies.into_iter().next().unwrap_or_default()).await,
+        Err(error) => refuse(&query, &error, &request_id).await,
+    }
+}
+
+/// What a query asks for, and whether it wants what there is before everything is done.
+fn request(
+    context: &Context,
+    query: &Query,
+    received_at: Instant,
+) -> Result<(FrameRequest, bool), ServiceError> {
+    let (latency_budget, is_partial) = parameters(query.parameters().as_str())?;
+    let missing = || {
+        ServiceError::Invalid("the query has no payload: send a stereo.v1.StereoRequest with it".to_owned())
+    };
+    let payload = query.payload().ok_or_else(missing)?;
+    payload::expect_message(query.encoding().ok_or_else(missing)?, "StereoRequest")?;
+    let message = decode_request(payload::bytes(payload))?;
+    let sender = query.source_info().map(|info| info.source_id().zid().to_string());
+    let intake = Intake {
+        received_at,
+        latency_budget,
+        request_id: String::new(),
+        formats: vec![ReplyFormat::Protobuf],
+        max_image_px: context.max_image_px,
+        peer: format!("zenoh {}", sender.unwrap_or_default()),
+        priority: PriorityClass::default(),
+    };
+    Ok((frame_request(message, intake)?, is_partial))
+}
+
+/// The budget and `partial` of a selector's parameters, which `;` separates.
+fn parameters(parameters: &str) -> Result<(Option<Duration>, bool), ServiceError> {
+    let (mut budget, mut is_partial) = (None, false);
+    for parameter in parameters.split(';').filter(|parameter| !parameter.is_empty()) {
+        let (name, value) = parameter.split_once('=').unwrap_or((parameter, ""));
+        match (name, value) {
+            ("budget_ms", _) => budget = Some(latency_budget_from_ms("budget_ms", value)?),
+            ("partial", "true") => is_partial = true,
+            ("partial", "false") => is_partial = false,
+            // Zenoh's own.
+            (own, _) if own.starts_with('_') => {}
+            _ => {
+                return Err(ServiceError::Invalid(format!(
+                    "the selector's parameter `{parameter}` has no meaning: there are budget_ms=80, partial=true and \
+                     partial=false, separated by ;"
+                )));
+            }
+        }
+    }
+    Ok((budget, is_partial))
+}
+
+/// Answers questions about, and changes of, the settings of the cameras for which `is_owner` says so.
+pub(super) async fn declare_settings(
+    context: &Arc<Context>,
+    is_owner: impl Fn(&str) -> bool + Send + Sync + 'static,
+) -> zenoh::Result<Queryable<()>> {
+    let weak = Arc::downgrade(context);
+    let is_owner = Arc::new(is_owner);
+    context
+        .session
+        .declare_queryable(keys::SETTINGS)
+        .callback(move |query| {
+            let Some(context) = weak.upgrade() else { return };
+            if query.key_expr().as_str() == keys::SETTINGS {
+                context.spawn(all_settings(Arc::clone(&context), Arc::new(query)));
+                return;
+            }
+            // Every server is asked; one answers.
+            let camera = keys::name(query.key_expr().as_str()).map(ToOwned::to_owned);
+            if let Some(camera) = camera.filter(|camera| is_owner(camera)) {
+                let work = settings(Arc::clone(&context), Arc::new(query), camera);
+                context.spawn(work);
+            }
+        })
+        .await
+}
+
+/// What this server knows about all cameras, for a server that has just come.
+async fn all_settings(context: Arc<Context>, query: Arc<Query>) {
+    for (camera, revision) in context.settings.all() {
+        let query = Arc::clone(&query);
+        let reply = move || {
+            query
+                .reply(keys::settings(&camera), revision.encoded())
+                .encoding(payload::encoding("CameraSettings"))
+                .wait()
+        };
+        sent(reply).await;
+    }
+}
+
+async fn settings(context: Arc<Context>, query: Arc<Query>, camera: String) {
+    let revision = match query.payload().filter(|payload| !payload.is_empty()) {
+        None => Ok(context.settings.read(&camera)),
+        Some(payload) => change(&context, &query, &camera, payload),
+    };
+    match revision {
+        Err(error) => refuse(&query, &error, "").await,
+        Ok(revision) => {
+            if query.payload().is_some_and(|payload| !payload.is_empty()) {
+                announce(&context, &camera, &revision).await;
+            }
+            let body = revision.encoded();
+            let reply = move || {
+                query
+                    .reply(query.key_expr(), body)
+                    .encoding(payload::encoding("CameraSettings"))
+                    .wait()
+            };
+            sent(reply).await;
+        }
+    }
+}
+
+fn change(
+    context: &Context,
+    query: &Query,
+    camera: &str,
+    given: &ZBytes,
+) -> Result<Arc<Revision>, ServiceError> {
+    let encoding = query.encoding().cloned().unwrap_or_default();
+    payload::expect_message(&encoding, "CameraSettings")?;
+    if given.len() as u64 > context.body_bytes {
+        return Err(ServiceError::TooLarge("these settings are too large".to_owned()));
+    }
+    let revision = context.settings.set(camera, payload::bytes(given))?;
+    tracing::info!(
+        camera,
+        revision = revision.number,
+        "the settings of a camera have changed"
+    );
+    Ok(revision)
+}
+
+/// Lets the other servers know, so that whoever takes the camera over goes on with the same settings.
+async fn announce(context: &Context, camera: &str, revision: &Revision) {
+    let put = context
+        .session
+        .put(keys::settings(camera), revision.encoded())
+        .encoding(payload::encoding("CameraSettings"));
+    if let Err(why) = put.await {
+        tracing::warn!(camera, %why, "new settings can't be announced to other servers");
+    }
+}
+
+async fn answer(query: &Arc<Query>, body: bytes::Bytes) {
+    let query = Arc::clone(query);
+    let reply = move || {
+        query
+            .reply(query.key_expr(), body)
+            .encoding(payload::encoding("StereoResult"))
+            .wait()
+    };
+    sent(reply).await;
+}
+
+async fn refuse(query: &Arc<Query>, error: &ServiceError, request_id: &str) {
+    let status = error.to_status(request_id).encode_to_vec();
+    let query = Arc::clone(query);
+    sent(move || {
+        query
+            .reply_err(status)
+            .encoding(payload::encoding("Status"))
+            .wait()
+    })
+    .await;
+}
+
+/// Sends something off the async threads: a link that is full makes it wait.
+async fn sent(reply: impl FnOnce() -> zenoh::Result<()> + Send + 'static) {
+    match spawn_blocking(reply).await {
+        Ok(Ok(())) => {}
+        // Whoever asked has gone, or waits no longer.
+        Ok(Err(why)) => tracing::debug!(%why, "a reply can't be sent"),
+        Err(why) => tracing::warn!(%why, "a reply was not sent"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn parameters_are_read_and_unknown_ones_refused_by_name() {
+        assert_eq!(parameters("").unwrap(), (None, false));
+        let both = parameters("budget_ms=80;partial=true").unwrap();
+        assert_eq!(both, (Some(Duration::from_millis(80)), true));
+        assert_eq!(
+            parameters("_anyke;budget_ms=1").unwrap().0,
+            Some(Duration::from_millis(1))
+        );
+        for (bad, word) in [
+            ("budget_ms=0", "budget_ms"),
+            ("preset=fast", "preset"),
+            ("partial=1", "partial=1"),
+        ] {
+            let error = parameters(bad).unwrap_err();
+            assert!(error.to_string().contains(word), "{error}");
+        }
+    }
+}

@@ -1,0 +1,12 @@
+//! The real binary over real Zenoh sessions, through a router of the test's own.
+
+mod errors;
+mod fleet;
+mod frames;
+mod lifecycle;
+mod network;
+mod parity;
+mod queries;
+mod security;
+mod settings;
+mod streams;

@@ -1,0 +1,104 @@
+//! The example for a fleet, `docker/zenoh-router.json5`, does what it says.
+
+use serde_json::{Value, json};
+use stereo_tests::zenoh::{Router, client_with};
+use zenoh::Session;
+use zenoh::sample::Locality;
+
+use super::network::{Camera, numbered};
+use crate::conversation::Server;
+
+const EXAMPLE: &str = include_str!("../../../docker/zenoh-router.json5");
+
+/// The example's router with a user file of the test's, a server and robots.
+struct Fleet {
+    router: Router,
+    server: Server,
+    folder: std::path::PathBuf,
+}
+
+impl Fleet {
+    async fn start(name: &str) -> Self {
+        let folder = std::env::temp_dir().join(format!("stereod-fleet-{name}-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).expect("a writable folder");
+        let users = folder.join("users.txt");
+        std::fs::write(&users, "router:r\nstereod:s\nrobot-1:one\nrobot-2:two\n").expect("a writable folder");
+        let mut example: Value = json5::from_str(EXAMPLE).expect("JSON5");
+        example["transport"]["auth"]["usrpwd"] = json!({
+            "user": "router",
+            "password": "r",
+            "dictionary_file": users,
+        });
+        example.as_object_mut().expect("an object").remove("listen");
+        let router = Router::start_with("tcp/127.0.0.1:0", example)
+            .await
+            .expect("an example that works");
+        let file = folder.join("server.json5");
+        let own = json!({
+            "mode": "client",
+            "transport": { "auth": { "usrpwd": { "user": "stereod", "password": "s" } } },
+        });
+        std::fs::write(&file, own.to_string()).expect("a writable folder");
+        let server = Server::start(&[
+            "--zenoh-config",
+            file.to_str().expect("ASCII"),
+            "--zenoh-connect",
+            router.endpoint(),
+            "--require-zenoh",
+        ]);
+        server.until_ready().await;
+        Self {
+            router,
+            server,
+            folder,
+        }
+    }
+
+    async fn user(&self, user: &str, password: &str) -> anyhow::Result<Session> {
+        let auth = json!({ "auth": { "usrpwd": { "user": user, "password": password } } });
+        client_with(self.router.endpoint(), json!({ "transport": auth })).await
+    }
+}
+
+impl Drop for Fleet {
+    fn drop(&mut self) {
+        drop(std::fs::remove_dir_all(&self.folder));
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_robot_sends_and_reads_its_own_and_nothing_else() {
+    let fleet = Fleet::start("own").await;
+    let robot = fleet.user("robot-1", "one").await.expect("a known user");
+    let spy = fleet.user("robot-2", "two").await.expect("a known user");
+    let overheard = spy
+        .declare_subscriber("stereo/v1/**")
+        .await
+        .expect("an open session");
+    // A robot for which the example has no rules: it may do nothing.
+    spy.put("stereo/v1/frames/robot-1", vec![0; 10])
+        .allowed_destination(Locality::Remote)
+        .await
+        .expect("an open session");
+    let camera = Camera::start(&robot, "robot-1").await;
+    robot
+        .put("stereo/v1/frames/robot-2", vec![0; 10])
+        .await
+        .expect("an open session");
+    for sequence in 1..=3 {
+        camera.put(&numbered(sequence)).await;
+        assert_eq!(camera.result().await.sequence, Some(sequence));
+    }
+    let streams = fleet.server.get("/v1/streams").await.json();
+    assert_eq!(streams["streams"].as_array().map(Vec::len), Some(1));
+    assert_eq!(streams["streams"][0]["frames"]["received"], 3);
+    assert!(overheard.try_recv().is_ok_and(|sample| sample.is_none()));
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_wrong_password_is_no_way_in() {
+    let fleet = Fleet::start("password").await;
+    assert!(fleet.user("robot-1", "two").await.is_err());
+    assert!(fleet.user("nobody", "one").await.is_err());
+    fleet.user("robot-1", "one").await.expect("the right password");
+}
