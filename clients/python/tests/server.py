@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
+import urllib.request
 from typing import IO
 
 from stereo_client import Client
@@ -28,6 +30,11 @@ class Server:
                     client.wait_ready()
                 return server
         raise AssertionError(f"stereod ended before it listened: {process.wait()}")
+
+    def zenoh(self) -> str:
+        """Where it listens for Zenoh, as an address of the client."""
+        with urllib.request.urlopen(f"{self.url}/v1/streams") as answer:
+            return "zenoh://" + json.load(answer)["zenoh"]["locators"][0]
 
     def stop(self) -> int:
         """Ask it to stop, as a service manager does, and wait until it has."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pickle
 import re
+import signal
 import socket
 import sys
 import threading
@@ -116,6 +117,33 @@ def test_a_server_that_hangs_is_given_up(scene: Scene):
         text = failure(url, NoAnswerError, scene, timeout_s=0.1)
         stop.set()
     assert "did not answer within 0.1 s" in text
+
+
+def test_who_is_interrupted_is_not_kept_waiting_and_can_go_on(server: Server, scene: Scene):
+    is_over = threading.Event()
+
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    def hang(connection: socket.socket) -> None:
+        read_head(connection)
+        is_over.wait()
+
+    before = signal.signal(signal.SIGALRM, interrupt)
+    try:
+        with impostor(hang) as url, Client(url) as client:
+            for wait in (
+                lambda: client.match(scene.left, scene.right),
+                lambda: next(client.match_many([(scene.left, scene.right)])),
+                lambda: next(client.stream("front")),
+            ):
+                signal.setitimer(signal.ITIMER_REAL, 0.1)
+                with pytest.raises(KeyboardInterrupt):
+                    wait()
+            is_over.set()
+    finally:
+        is_over.set()
+        signal.signal(signal.SIGALRM, before)
 
 
 def test_interim_answers_and_odd_chunks_are_read(scene: Scene):

@@ -89,7 +89,8 @@ def test_the_mesh_lies_in_metres_in_the_cameras_frame(client: Client, scene: Sce
 
 
 @pytest.mark.parametrize(
-    "form", ["pillow", "path", "str", "png", "jpeg", "memoryview", "bmp", "big endian", "channel", "rows apart"]
+    "form",
+    ["pillow", "path", "str", "png", "jpeg", "memoryview", "bmp", "big endian", "32 bit", "channel", "rows apart"],
 )
 def test_every_form_of_an_image_is_the_same_image(client: Client, scene: Scene, form: str, tmp_path):
     def shaped(pixels: np.ndarray):
@@ -106,6 +107,7 @@ def test_every_form_of_an_image_is_the_same_image(client: Client, scene: Scene, 
             "memoryview": memoryview(encoded(pixels)),
             "bmp": encoded(pixels, "BMP"),
             "big endian": pixels.astype(">u2") * 257,
+            "32 bit": PIL.Image.fromarray(pixels.astype(np.int32) * 257),
             "channel": pixels[:, :, None],
             "rows apart": wide[:, ::2],
         }[form]
@@ -171,10 +173,11 @@ def test_options_reach_the_server_and_the_report_comes_back(client: Client, scen
     assert result.capture_time_ns == 1_700_000_000_123_456_789
     assert result.search_range_px == (4, 68)
     report = result.report
-    assert (report.budget_ms, report.iterations_run, report.iterations_asked) == (4000, 2, 2)
+    assert (report.budget_ms, report.iterations_asked) == (4000, 2)
+    assert 1 <= report.iterations_run <= 2
     assert report.deadline_met
     assert 0 < report.matched_ms < report.total_ms
-    assert "2 of 2 rungs" in str(report)
+    assert f"{report.iterations_run} of 2 rungs" in str(report)
     assert match(client, scene, priority_class="background", budget_ms=None).report.budget_ms is None
 
 

@@ -8,8 +8,10 @@
 z forward, in metres; invalid = NaN.
 """
 
+from ._fleet import ServerInfo
 from .aio import AsyncClient
 from .batch import Outcome, Pair
+from .camera import AsyncCamera, Camera, CameraInfo
 from .client import Client
 from .errors import (
     DeadlineInfeasibleError,
@@ -38,13 +40,17 @@ from .errors import (
     UnreachableError,
 )
 from .images import ImageLike
-from .options import Calibration, MatchOptions, MeshOptions, Region
+from .options import Calibration, MatchOptions, MeshOptions, Region, ServiceOptions
 from .report import Report
 from .result import Mesh, Points, Result
+from .settings import Pairing, Settings
 
 __all__ = [
+    "AsyncCamera",
     "AsyncClient",
     "Calibration",
+    "Camera",
+    "CameraInfo",
     "Client",
     "DeadlineInfeasibleError",
     "DrainingError",
@@ -67,6 +73,7 @@ __all__ = [
     "NotServedError",
     "Outcome",
     "Pair",
+    "Pairing",
     "Points",
     "QueueFullError",
     "QuotaError",
@@ -74,6 +81,9 @@ __all__ = [
     "Region",
     "Report",
     "Result",
+    "ServerInfo",
+    "ServiceOptions",
+    "Settings",
     "SlowReaderError",
     "StereoError",
     "SupersededError",

@@ -29,15 +29,24 @@ class Background:
     def iterate(self, items: AsyncGenerator[T, None]) -> Generator[T, None, None]:
         """Yield what an asynchronous generator yields, and close it when the caller has enough."""
         end = object()
+        running: list[asyncio.Task[Any]] = []
 
         async def step() -> T | object:
+            running[:] = filter(None, [asyncio.current_task()])
             return await anext(items, end)
+
+        async def close() -> None:
+            # The caller may have been interrupted while it waited for the next one.
+            if running:
+                running[0].cancel()
+                await asyncio.wait(running)
+            await items.aclose()
 
         try:
             while (item := self.run(step())) is not end:
                 yield cast("T", item)
         finally:
-            self.run(items.aclose())
+            self.run(close())
 
     def stop(self) -> None:
         """End the thread."""

@@ -100,11 +100,12 @@ class OverHttp:
             yield result
             deadline = loop.time() + timeout_s
 
-    async def cameras(self) -> list[Any]:
-        """Return what the server says about its streams."""
+    async def cameras(self) -> list[tuple[str, str | None]]:
+        """Return the cameras that the server knows, and who serves each."""
         answer, data = await self._http.exchange("GET", "/v1/streams", {"Accept": "application/json"})
-        streams: list[Any] = _json(self._accepted(answer, data))["streams"]
-        return streams
+        streams = _json(self._accepted(answer, data)).get("streams", [])
+        instance = (await self.info())["instance"]
+        return sorted((stream["camera"], instance if stream.get("served") else None) for stream in streams)
 
     async def info(self) -> dict[str, Any]:
         """Return what the server says about itself."""

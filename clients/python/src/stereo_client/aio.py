@@ -5,20 +5,28 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncGenerator, AsyncIterator
 from contextlib import aclosing
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeAlias
 
+from ._fleet import ServerInfo
 from ._over_http import OverHttp
+from ._over_zenoh import OverZenoh
 from .batch import Outcome, Pairs, Underway, pair_message
-from .errors import InputError
+from .camera import AsyncCamera, CameraInfo
+from .errors import InputError, NotServedError
 from .images import ImageLike
 from .result import Result
+from .settings import Pairing, Settings, settings_message
 
 if TYPE_CHECKING:
+    import os
     from types import TracebackType
 
     from typing_extensions import Self, Unpack
 
-    from .options import MatchOptions
+    from .options import Calibration, MatchOptions, ServiceOptions
+
+
+Part: TypeAlias = Literal["disparity", "mesh", "report"]
 
 
 class Transport(Protocol):
@@ -35,6 +43,12 @@ class Transport(Protocol):
     def batch(self, requests: AsyncIterator[Any]) -> AsyncGenerator[Any, None]:
         """Yield a reply for each request as they are done."""
 
+    def results(self, camera: str, part: str | None, timeout_s: float) -> AsyncGenerator[Any, None]:
+        """Yield the results of a camera."""
+
+    async def cameras(self) -> list[tuple[str, str | None]]:
+        """Return the cameras that are there, and who serves each."""
+
     async def close(self) -> None:
         """Close the connections."""
 
@@ -47,13 +61,18 @@ class AsyncClient:
     Parameters
     ----------
     url : str
-        `http://host:port` for one server.
+        `http://host:port` for one server; `zenoh://router:7447` for all servers behind a Zenoh router or beside a server, and
+        `zenoh://` for those that are found in the local network.
     timeout_s : float
         How long a whole exchange may take before `NoAnswerError` is raised. Default 120.
+    zenoh_config : path, optional
+        A file with Zenoh's own configuration (JSON5): TLS, passwords, ..; endpoints of `url` win over its own.
     """
 
-    def __init__(self, url: str, *, timeout_s: float = 120.0) -> None:
-        self._transport = _transport(url, timeout_s)
+    def __init__(
+        self, url: str, *, timeout_s: float = 120.0, zenoh_config: str | os.PathLike[str] | None = None
+    ) -> None:
+        self._transport = _transport(url, timeout_s, zenoh_config)
 
     @property
     def url(self) -> str:
@@ -115,13 +134,67 @@ class AsyncClient:
         """Match a `stereo.v1.StereoRequest` that was made elsewhere."""
         return Result(await self._transport.match(request), request.left)
 
+    async def stream(
+        self, camera: str, *, part: Part | None = None, timeout_s: float = 10.0
+    ) -> AsyncGenerator[Result, None]:
+        """Yield the results of a camera as they come; who reads slowly gets the newest, and sees the gap in `sequence`.
+
+        Parameters
+        ----------
+        camera : str
+            Its name.
+        part : str, optional
+            `disparity`, `mesh` or `report`: only that part is sent (over Zenoh).
+        timeout_s : float
+            How long the next result is waited for before `NoFramesError` says why nothing comes. Default 10.
+        """
+        async with aclosing(self._transport.results(camera, part, timeout_s)) as results:
+            async for message in results:
+                yield Result(message)
+
+    def camera(self, name: str) -> AsyncCamera:
+        """Return a camera that sends frames: `async with client.camera("front") as camera`. Over Zenoh."""
+        return AsyncCamera(self._over_zenoh("frames of a camera"), name)
+
+    async def cameras(self) -> list[CameraInfo]:
+        """Return the cameras that are there, and who serves each."""
+        return [CameraInfo(name, server) for name, server in await self._transport.cameras()]
+
+    async def servers(self) -> list[ServerInfo]:
+        """Return the servers that are there, and how busy they are. Over Zenoh."""
+        fleet = self._over_zenoh("the load of the servers").fleet
+        await fleet.watch()
+        return fleet.servers()
+
+    async def settings(self, camera: str) -> Settings:
+        """Return what is done with the frames of a camera. Over Zenoh."""
+        return Settings.from_message(await self._over_zenoh("settings of cameras").settings(camera, None))
+
+    async def set_settings(
+        self,
+        camera: str,
+        *,
+        calibration: Calibration | None = None,
+        pairing: Pairing | None = None,
+        **options: Unpack[ServiceOptions],
+    ) -> Settings:
+        """Change what is done with the frames of a camera, all at once: what is not given goes back to its default. Over Zenoh.
+
+        Returns what is in force.
+        """
+        message = settings_message(options, calibration, pairing)
+        return Settings.from_message(await self._over_zenoh("settings of cameras").settings(camera, message))
+
     async def info(self) -> dict[str, Any]:
         """Return what the server says about itself: version, limits, presets and their rungs. Over HTTP."""
-        return await self._over_http("info").info()
+        return await self._over_http("what a server says about itself").info()
 
     async def wait_ready(self, timeout_s: float = 30.0) -> None:
-        """Wait until the server takes frames. Over HTTP."""
-        await self._over_http("wait_ready").wait_ready(timeout_s)
+        """Wait until the server takes frames; over Zenoh, until there is one."""
+        if isinstance(self._transport, OverZenoh):
+            await self._transport.wait_ready(timeout_s)
+        else:
+            await self._over_http("readiness").wait_ready(timeout_s)
 
     async def close(self) -> None:
         """Close the connections."""
@@ -135,12 +208,20 @@ class AsyncClient:
     ) -> None:
         await self.close()
 
-    def _over_http(self, _what: str) -> OverHttp:
-        assert isinstance(self._transport, OverHttp)
+    def _over_http(self, what: str) -> OverHttp:
+        if not isinstance(self._transport, OverHttp):
+            raise NotServedError(f"{what} can be had over HTTP alone: use Client('http://..')")
+        return self._transport
+
+    def _over_zenoh(self, what: str) -> OverZenoh:
+        if not isinstance(self._transport, OverZenoh):
+            raise NotServedError(f"{what} can be had over Zenoh alone: use Client('zenoh://..')")
         return self._transport
 
 
-def _transport(url: str, timeout_s: float) -> Transport:
+def _transport(url: str, timeout_s: float, zenoh_config: str | os.PathLike[str] | None) -> Transport:
     if not isinstance(url, str):
         raise InputError(f"{url!r} is no address of a server: give one such as 'http://127.0.0.1:8080'")
+    if url.startswith("zenoh://"):
+        return OverZenoh(url, timeout_s, zenoh_config)
     return OverHttp(url, timeout_s)

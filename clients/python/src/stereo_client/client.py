@@ -8,18 +8,23 @@ from typing import TYPE_CHECKING, Any
 from ._background import Background
 from .aio import AsyncClient
 from .batch import Outcome, Pairs, pair_message
+from .camera import Camera, CameraInfo
 from .errors import StereoError
 from .images import ImageLike
 from .result import Result
 
 if TYPE_CHECKING:
+    import os
     from collections.abc import Coroutine
     from types import TracebackType
     from typing import TypeVar
 
     from typing_extensions import Self, Unpack
 
-    from .options import MatchOptions
+    from ._fleet import ServerInfo
+    from .aio import Part
+    from .options import Calibration, MatchOptions, ServiceOptions
+    from .settings import Pairing, Settings
 
     T = TypeVar("T")
 
@@ -30,9 +35,12 @@ class Client:
     Parameters
     ----------
     url : str
-        `http://host:port` for one server.
+        `http://host:port` for one server; `zenoh://router:7447` for all servers behind a Zenoh router or beside a server, and
+        `zenoh://` for those that are found in the local network.
     timeout_s : float
         How long a whole exchange may take before `NoAnswerError` is raised. Default 120.
+    zenoh_config : path, optional
+        A file with Zenoh's own configuration (JSON5): TLS, passwords, ..; endpoints of `url` win over its own.
 
     Examples
     --------
@@ -41,8 +49,10 @@ class Client:
     >>> result.disparity  # doctest: +SKIP
     """
 
-    def __init__(self, url: str, *, timeout_s: float = 120.0) -> None:
-        self._async = AsyncClient(url, timeout_s=timeout_s)
+    def __init__(
+        self, url: str, *, timeout_s: float = 120.0, zenoh_config: str | os.PathLike[str] | None = None
+    ) -> None:
+        self._async = AsyncClient(url, timeout_s=timeout_s, zenoh_config=zenoh_config)
         self._background = Background()
 
     @property
@@ -73,12 +83,47 @@ class Client:
         """Match a `stereo.v1.StereoRequest` that was made elsewhere."""
         return self._run(self._async.send(request))
 
+    def stream(
+        self, camera: str, *, part: Part | None = None, timeout_s: float = 10.0
+    ) -> Generator[Result, None, None]:
+        """Yield the results of a camera as they come; see `AsyncClient.stream`. It is subscribed when the first one is asked for."""
+        self._check_open()
+        return self._background.iterate(self._async.stream(camera, part=part, timeout_s=timeout_s))
+
+    def camera(self, name: str) -> Camera:
+        """Return a camera that sends frames: `with client.camera("front") as camera`. Over Zenoh."""
+        self._check_open()
+        return Camera(self._background, self._async.camera(name))
+
+    def cameras(self) -> list[CameraInfo]:
+        """Return the cameras that are there, and who serves each."""
+        return self._run(self._async.cameras())
+
+    def servers(self) -> list[ServerInfo]:
+        """Return the servers that are there, and how busy they are. Over Zenoh."""
+        return self._run(self._async.servers())
+
+    def settings(self, camera: str) -> Settings:
+        """Return what is done with the frames of a camera. Over Zenoh."""
+        return self._run(self._async.settings(camera))
+
+    def set_settings(
+        self,
+        camera: str,
+        *,
+        calibration: Calibration | None = None,
+        pairing: Pairing | None = None,
+        **options: Unpack[ServiceOptions],
+    ) -> Settings:
+        """Change what is done with the frames of a camera; see `AsyncClient.set_settings`."""
+        return self._run(self._async.set_settings(camera, calibration=calibration, pairing=pairing, **options))
+
     def info(self) -> dict[str, Any]:
         """Return what the server says about itself: version, limits, presets and their rungs. Over HTTP."""
         return self._run(self._async.info())
 
     def wait_ready(self, timeout_s: float = 30.0) -> None:
-        """Wait until the server takes frames. Over HTTP."""
+        """Wait until the server takes frames; over Zenoh, until there is one."""
         self._run(self._async.wait_ready(timeout_s))
 
     def close(self) -> None:

@@ -19,7 +19,7 @@ def _package(module: str, extra: str) -> Any:
         return importlib.import_module(module)
     except ImportError as why:
         raise MissingPackageError(
-            f"{module} is needed for this and not installed: pip install 'stereo-client[{extra}]'"
+            f"{module} is needed for this and can't be loaded ({why}): pip install 'stereo-client[{extra}]'"
         ) from why
 
 

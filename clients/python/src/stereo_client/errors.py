@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ._schema import REASON
+from ._schema import REASON, Status
 
 
 class StereoError(Exception):
@@ -83,6 +83,14 @@ class RefusedError(StereoError):
         self.code = code
         self.earliest_feasible_ms = earliest_feasible_ms
         self.request_id = request_id
+
+    def to_status(self) -> Any:
+        """Return the `stereo.v1.Status` that it was."""
+        status = Status(code=self.code, message=self.message, request_id=self.request_id)
+        status.reason = REASON.number.get(self.reason.lower(), 0)
+        if self.earliest_feasible_ms is not None:
+            status.earliest_feasible.FromNanoseconds(round(self.earliest_feasible_ms * 1e6))
+        return status
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Survive pickling, as results of process pools have to."""

@@ -73,6 +73,9 @@ def _from_file(data: bytes, side: str, name: str) -> Any:
 
 
 def _from_pillow(picture: Any, side: str) -> Any:
+    if picture.mode == "I":
+        # 16-bit gray, as older versions of Pillow have it.
+        return _from_array(np.asarray(picture).clip(0, 65535).astype(np.uint16), side, "rgb")
     if picture.mode not in ("L", "RGB", "RGBA", "I;16"):
         picture = picture.convert("L" if picture.mode in ("1", "LA") else "RGB")
     return _from_array(np.asarray(picture), side, "rgb")

@@ -146,7 +146,7 @@ class MatchOptions(ServiceOptions, total=False):
     """What the channels of colour arrays are: `rgb` (the default), `bgr` as OpenCV has them, or `yuyv`."""
 
 
-_PLAIN = (
+PLAIN = (
     "max_iterations",
     "min_confidence",
     "num_disparities",
@@ -155,7 +155,7 @@ _PLAIN = (
     "colors",
     "mesh_is_optional",
 )
-_CHOICES = {
+CHOICES = {
     "preset": _schema.PRESET,
     "density": _schema.DENSITY,
     "priority_class": _schema.PRIORITY_CLASS,
@@ -203,12 +203,12 @@ def options_message(options: Mapping[str, Any]) -> Any:
 def _set(message: Any, name: str, value: Any) -> None:
     if name == "budget_ms":
         set_duration(message.latency_budget, name, value)
-    elif name in _PLAIN:
+    elif name in PLAIN:
         setattr(message, name, value)
-    elif name in _CHOICES:
+    elif name in CHOICES:
         if name == "compression":
             require_decompressor(value)
-        setattr(message, name, _number(_CHOICES[name], name, value, get_args(_CHOICE_TYPES[name])))
+        setattr(message, name, _number(CHOICES[name], name, value, get_args(_CHOICE_TYPES[name])))
     elif name == "outputs":
         if isinstance(value, str):
             raise InputError(f"outputs is {value!r}: give a list such as ['disparity', 'mesh']")

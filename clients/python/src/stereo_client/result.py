@@ -11,7 +11,7 @@ import numpy as np
 
 from . import colors, convert, files
 from ._payload import array, disparity_px, plain, rows
-from ._schema import MESH_SPACE, StereoResult
+from ._schema import MESH_SPACE, Image, StereoResult
 from .errors import MalformedReplyError, MissingPartError
 from .images import rgb
 from .options import Calibration, Region
@@ -78,7 +78,11 @@ class Result:
 
     def __init__(self, message: Any, left: Any = None) -> None:
         self._message = message
-        self._left = left
+        self._left = None
+        if left is not None:
+            # A copy, for a part of the request would hold all of it.
+            self._left = Image()
+            self._left.CopyFrom(left)
 
     @property
     def message(self) -> Any:
@@ -285,8 +289,6 @@ class Result:
 
 
 def _from_bytes(message: bytes, left: bytes | None) -> Result:
-    from ._schema import Image
-
     return Result(StereoResult.FromString(message), None if left is None else Image.FromString(left))
 
 
