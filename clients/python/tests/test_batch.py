@@ -151,3 +151,20 @@ def test_a_server_that_stops_in_a_batch_says_so(program: str, scene: Scene):
                 next(outcomes)
         finally:
             is_over.set()
+
+
+@pytest.mark.parametrize(
+    ("replies", "kind"),
+    [
+        (b"\xff" * 10, MalformedReplyError),
+        (b"\xff\xff\xff\xff\x7f", MalformedReplyError),
+        (b"\x02\xff\xff", MalformedReplyError),
+        (b"\x05\x0a\x03odd", InterruptedExchangeError),
+        (b"\x02", InterruptedExchangeError),
+    ],
+)
+def test_replies_that_can_not_be_read_are_reported(scene: Scene, replies: bytes, kind):
+    head = b"HTTP/1.1 200 OK\r\nTransfer-Encoding: chunked\r\n\r\n"
+    body = b"%x\r\n%b\r\n0\r\n\r\n" % (len(replies), replies)
+    with impostor(saying(head + body)) as url, Client(url) as client, pytest.raises(kind):
+        list(client.match_many([(scene.left, scene.right)]))

@@ -74,7 +74,16 @@ def test_what_is_no_address_is_refused_with_an_example(url):
 
 
 @pytest.mark.parametrize(
-    "answer", [b"SSH-2.0-OpenSSH_9.2\r\n\r\n", b"220 mail ready", b"HTTP/1.1 200 OK\r\n\r\nno length"]
+    "answer",
+    [
+        b"SSH-2.0-OpenSSH_9.2\r\n\r\n",
+        b"220 mail ready",
+        b"HTTP/1.1 200 OK\r\n\r\nno length",
+        b"HTTP/1.1 200 OK\r\nContent-Length: 9999999999999\r\n\r\n",
+        b"HTTP/1.1 200 OK\r\nTransfer-Encoding: chunked\r\n\r\nFFFFFFFF\r\n",
+        b"HTTP/1.1 200 OK\r\nTransfer-Encoding: chunked\r\n\r\nodd\r\n",
+        b"HTTP/1.1 200 OK\r\nX: " + b"x" * 100_000,
+    ],
 )
 def test_something_else_at_the_port_is_not_taken_for_a_server(scene: Scene, answer: bytes):
     with impostor(saying(answer)) as url:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from ._connection import MOST_BYTES
 from .errors import MalformedReplyError
 
 _LONGEST_VARINT = 10
@@ -39,11 +40,14 @@ class Delimited:
             length |= (byte & 0x7F) << shift
             shift += 7
             if byte < 0x80:
+                if length > MOST_BYTES:
+                    break
                 end = place + 1 + length
                 if end > len(self._arrived):
                     return None
                 self._start = end
                 return bytes(memoryview(self._arrived)[place + 1 : end])
-        if len(self._arrived) - self._start >= _LONGEST_VARINT:
-            raise MalformedReplyError("the server's replies can't be read: the client and the server don't fit")
-        return None
+        else:
+            if len(self._arrived) - self._start < _LONGEST_VARINT:
+                return None
+        raise MalformedReplyError("the server's replies can't be read: the client and the server don't fit")

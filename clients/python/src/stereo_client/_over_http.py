@@ -11,8 +11,9 @@ from urllib.parse import quote
 
 from google.protobuf.message import DecodeError
 
+from ._connection import Answer, Connection
 from ._delimited import Delimited, delimited
-from ._http import Answer, Connection, Http
+from ._http import Http
 from ._schema import BatchReply, Status, StereoResult
 from .errors import (
     InterruptedExchangeError,
@@ -58,7 +59,7 @@ class OverHttp:
             sending = asyncio.create_task(connection.send_body(_delimited(requests, failed, connection)))
             answer = await connection.receive_head()
             if answer.code != 200:
-                self._accepted(answer, b"".join([piece async for piece in connection.pieces()]))
+                self._accepted(answer, await connection.whole_body())
             arrived = Delimited()
             async for piece in connection.pieces():
                 arrived.push(piece)

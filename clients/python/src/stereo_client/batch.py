@@ -69,6 +69,7 @@ class Underway:
         self._pairs = pairs
         self._options = options
         self._open: dict[str, tuple[int, str, Any]] = {}
+        self._are_all_taken = False
 
     async def requests(self) -> AsyncGenerator[Any, None]:
         """Yield a request for each pair, numbered; pairs are read and encoded off the event loop."""
@@ -81,6 +82,7 @@ class Underway:
                 request.request_id = str(index)
                 yield request
                 index += 1
+            self._are_all_taken = True
         finally:
             # Without waiting for an iterator that may wait itself.
             thread.shutdown(wait=False)
@@ -100,10 +102,10 @@ class Underway:
         return Outcome(index, request_id, refusal(reply.status), None)
 
     def check_all_answered(self) -> None:
-        """Raise if a pair was sent and not answered."""
-        if self._open:
+        """Raise if the batch is over and a pair has no answer."""
+        if self._open or not self._are_all_taken:
             raise InterruptedExchangeError(
-                f"the batch ended with {len(self._open)} of its pairs not answered: check that the server still runs, and send them again"
+                "the batch ended before all of its pairs were answered: check that the server still runs, and send the rest again"
             )
 
     def _request(self, pair: PairLike, index: int) -> Any:
