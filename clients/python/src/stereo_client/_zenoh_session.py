@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import json
 import os
+import weakref
 from collections.abc import AsyncGenerator, Callable
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
@@ -62,9 +63,12 @@ class ZenohSession:
         async with self._opening:
             if self._session is None:
                 try:
-                    self._session = await asyncio.wait_for(asyncio.to_thread(self._open), _OPEN_WITHIN_S)
+                    session = await asyncio.wait_for(asyncio.to_thread(self._open), _OPEN_WITHIN_S)
                 except (TimeoutError, asyncio.TimeoutError) as why:
                     raise self._unreachable(f"no answer within {_OPEN_WITHIN_S:g} s") from why
+                # At the latest when the interpreter ends: Zenoh's threads must not call into it after that.
+                weakref.finalize(self, session.close)
+                self._session = session
             return self._session
 
     def _open(self) -> zenoh.Session:
