@@ -47,7 +47,7 @@ def test_pairs_have_options_of_their_own_and_one_refusal_is_not_the_others(clien
     assert isinstance(second.error, InvalidError)
     assert second.error.request_id == "same"
     with pytest.raises(InvalidError):
-        second.result  # noqa: B018
+        _ = second.result
 
 
 def test_an_empty_batch_has_no_outcomes(client: Client):
@@ -66,7 +66,7 @@ def test_an_endless_batch_is_taken_as_it_is_answered_and_cancelled(client: Clien
 
     outcomes = client.match_many(endless())
     for _ in range(3):
-        next(outcomes).result  # noqa: B018
+        _ = next(outcomes).result
     outcomes.close()
     for thread in threading.enumerate():
         if thread.name.startswith("stereo-client-pairs"):
@@ -83,7 +83,7 @@ def test_a_long_batch_needs_no_more_memory_than_a_short_one(client: Client, scen
     def peak(count: int) -> int:
         tracemalloc.start()
         for outcome in client.match_many((pair for _ in range(count)), outputs=["confidence"]):
-            outcome.result  # noqa: B018
+            _ = outcome.result
         tracemalloc_peak = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()
         return tracemalloc_peak

@@ -187,7 +187,7 @@ def test_a_part_that_was_not_asked_for_says_how_to_get_it(client: Client, scene:
         with pytest.raises(MissingPartError, match=f"outputs=\\['{part}'"):
             getattr(result, part)
     with pytest.raises(MissingPartError, match="confidence"):
-        match(client, scene, outputs=["disparity"]).confidence  # noqa: B018
+        _ = match(client, scene, outputs=["disparity"]).confidence
     for part in ("depth_m", "points"):
         with pytest.raises(MissingPartError, match="calibration=Calibration"):
             getattr(match(client, scene), part)

@@ -122,6 +122,22 @@ def test_a_batch_is_answered_whole(robot: Client, scene: Scene):
     endless.close()
 
 
+def test_batches_wait_where_a_server_is_full(program: str, scene: Scene):
+    with Server.start(program, "--queue-capacity", "1", "--workers", "1") as server, Client(server.zenoh()) as client:
+        client.wait_ready()
+        errors: list[object] = []
+
+        def run() -> None:
+            errors.extend(outcome.error for outcome in client.match_many([(scene.left, scene.right)] * 10))
+
+        threads = [threading.Thread(target=run) for _ in range(3)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        assert errors == [None] * 30
+
+
 def test_a_camera_is_served_and_its_results_come_as_a_stream(robot: Client, scene: Scene):
     with robot.camera("front") as camera:
         assert camera.wait_served() == "stereod"

@@ -31,6 +31,7 @@ from .errors import (
 
 _PARTS = {None: "StereoResult", "disparity": "Disparity", "mesh": "Mesh", "report": "ExecutionReport"}
 _PARTIAL = "?partial=true"
+_FULL_FOR_MS = 50.0
 
 
 class OverZenoh:
@@ -137,10 +138,14 @@ class OverZenoh:
 
     async def _reply(self, request: Any) -> Any:
         request.options.priority_class = PRIORITY_CLASS.number["background"]
-        try:
-            return BatchReply(request_id=request.request_id, result=await self.match(request))
-        except RefusedError as why:
-            return BatchReply(request_id=request.request_id, status=why.to_status())
+        while True:
+            try:
+                return BatchReply(request_id=request.request_id, result=await self.match(request))
+            except QueueFullError as why:
+                # A batch waits, as it does over HTTP.
+                await asyncio.sleep((why.earliest_feasible_ms or _FULL_FOR_MS) / 1e3)
+            except RefusedError as why:
+                return BatchReply(request_id=request.request_id, status=why.to_status())
 
     async def results(self, camera: str, part: str | None, timeout_s: float) -> AsyncGenerator[Any, None]:
         """Yield the results of a camera as they come; a slow reader gets the newest."""

@@ -108,7 +108,9 @@ def _npz_of(result: Result, _what: str) -> bytes:
         mesh = result.mesh
         arrays |= {"mesh_positions": mesh.positions, "mesh_triangles": mesh.triangles, "mesh_uvs": mesh.uvs}
     file = BytesIO()
-    np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
+    # Its types take an array's name for the parameter of newer versions.
+    write: Any = np.savez_compressed
+    write(file, **arrays)
     return file.getvalue()
 
 
