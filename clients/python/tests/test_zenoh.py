@@ -264,6 +264,34 @@ def test_another_server_takes_over_when_one_goes(program: str, scene: Scene):
         assert client.match(scene.left, scene.right, budget_ms=20_000).report.instance == "stays"
 
 
+def test_cameras_servers_and_watchers_meet_at_a_router(program: str, scene: Scene):
+    with (
+        router() as url,
+        Server.start(program, "--instance", "behind", "--zenoh-connect", url.removeprefix("zenoh://")),
+        Client(url) as robot,
+        Client(url) as watcher,
+    ):
+        watcher.wait_ready()
+        assert watcher.match(scene.left, scene.right, budget_ms=5000).report.instance == "behind"
+        with robot.camera("far") as camera:
+            assert camera.wait_served() == "behind"
+            with sending(camera, scene, budget_ms=5000):
+                assert next(watcher.stream("far", timeout_s=60)).camera == "far"
+
+
+def test_a_client_and_its_camera_outlive_the_server(program: str, scene: Scene):
+    with Server.start(program) as first, Client(first.zenoh()) as client, client.camera("lasting") as camera:
+        endpoint = first.zenoh().removeprefix("zenoh://")
+        camera.wait_served()
+        first.kill()
+        with pytest.raises(NoServerError):
+            client.match(scene.left, scene.right)
+        with Server.start(program, "--instance", "next", "--zenoh-listen", endpoint):
+            client.wait_ready()
+            assert client.match(scene.left, scene.right, budget_ms=5000).report.instance == "next"
+            assert camera.wait_served() == "next"
+
+
 def test_a_network_without_a_server_says_so(scene: Scene):
     with router() as url, Client(url) as client:
         attempts = [
