@@ -14,6 +14,7 @@ use std::ops::Range;
 use crate::census::Census;
 use crate::changes::Blocks;
 use crate::disparity::FIXED_PER_PX;
+use crate::plane::CACHE_LINE;
 use crate::simd::{Kernel, Lanes, Level, MOST_BYTES};
 
 mod finish;
@@ -175,8 +176,9 @@ impl<C: Fn(usize) -> Blocks, F: Finish> Kernel for Area<'_, '_, C, F> {
         let (width, radius) = (evaluation.width, evaluation.window.radius());
         let side = 2 * radius + 1;
         // The window reaches beyond the columns; vectors that start within them do so by up to a vector more.
-        let pitch = width + 2 * radius + MOST_BYTES;
+        let pitch = (MARGIN + width + radius + MOST_BYTES).next_multiple_of(CACHE_LINE);
         scratch.reset::<L>(side, pitch);
+        let (ring, sums) = (aligned(&mut scratch.ring), aligned(&mut scratch.sums));
         let rows = best.disparity.len() / width;
         // Above and below the image its border rows repeat.
         let clamp = |row: usize| row.saturating_sub(radius).min(evaluation.height - 1);
@@ -189,11 +191,11 @@ impl<C: Fn(usize) -> Blocks, F: Finish> Kernel for Area<'_, '_, C, F> {
                 needed = needed.or(changed(first_row + row));
             }
             let entered = evaluation.row(clamp(first_row + row));
-            let ring = &mut scratch.ring[row % side * TESTED * pitch..][..TESTED * pitch];
+            let ring = &mut ring[row % side * TESTED * pitch..][..TESTED * pitch];
             for columns in needed.runs(width) {
                 let entry = Entry {
                     ring,
-                    sums: &mut scratch.sums,
+                    sums,
                     plan: &mut scratch.plan,
                     pitch,
                     radius,
@@ -204,9 +206,9 @@ impl<C: Fn(usize) -> Blocks, F: Finish> Kernel for Area<'_, '_, C, F> {
                 continue;
             };
             for columns in changed(first_row + row).runs(width) {
-                let (less, rest) = scratch.sums.split_at(pitch);
+                let (less, rest) = sums.split_at(pitch);
                 let (same, more) = rest.split_at(pitch);
-                let from = columns.start;
+                let from = MARGIN + columns.start - radius;
                 let sums = [&less[from..], &same[from..], &more[from..]];
                 let span = row * width + columns.start..row * width + columns.end;
                 let best = Best {
@@ -220,13 +222,22 @@ impl<C: Fn(usize) -> Blocks, F: Finish> Kernel for Area<'_, '_, C, F> {
     }
 }
 
+/// Columns of room before the first one in a row of costs, for a window's reach: then that one begins a cache line.
+const MARGIN: usize = CACHE_LINE;
+
+/// The part from the first cache line on.
+fn aligned(bytes: &mut [u8]) -> &mut [u8] {
+    let start = bytes.as_ptr().align_offset(CACHE_LINE).min(CACHE_LINE);
+    &mut bytes[start..]
+}
+
 impl Scratch {
     /// Room for a ring of `side` rows of `pitch`, and their sums: all zero.
     fn reset<L: Lanes>(&mut self, side: usize, pitch: usize) {
         self.ring.clear();
-        self.ring.resize(side * TESTED * pitch, 0);
+        self.ring.resize(side * TESTED * pitch + CACHE_LINE, 0);
         self.sums.clear();
-        self.sums.resize(TESTED * pitch, 0);
+        self.sums.resize(TESTED * pitch + CACHE_LINE, 0);
         let nothing = Planned {
             least: 0,
             which: [0; MOST_BYTES],
@@ -261,7 +272,7 @@ struct Words<'a> {
     candidates: &'a [u16],
 }
 
-/// Where a row's raw costs go: those of candidate k and column x to `k * pitch + radius + x`.
+/// Where a row's raw costs go: those of candidate k and column x to `k * pitch + MARGIN + x`.
 struct Entry<'a> {
     /// Holds the row that leaves the window, then this one.
     ring: &'a mut [u8],
@@ -283,12 +294,12 @@ impl Words<'_> {
         // Beyond the image its border columns repeat.
         for sums in sums.chunks_exact_mut(pitch) {
             if begins {
-                let first = sums[radius];
-                sums[..radius].fill(first);
+                let first = sums[MARGIN];
+                sums[MARGIN - radius..MARGIN].fill(first);
             }
             if ends {
-                let last = sums[radius + width - 1];
-                sums[radius + width..][..radius].fill(last);
+                let last = sums[MARGIN + width - 1];
+                sums[MARGIN + width..][..radius].fill(last);
             }
         }
     }
@@ -304,7 +315,7 @@ impl Words<'_> {
             let mut costs = [[0; MOST_BYTES]; TESTED];
             self.one_by_one(columns, &mut costs);
             for (step, costs) in costs.iter().enumerate() {
-                let at = step * entry.pitch + entry.radius + first;
+                let at = step * entry.pitch + MARGIN + first;
                 for (k, cost) in costs[..n].iter().enumerate() {
                     entry.sums[at + k] = entry.sums[at + k] - entry.ring[at + k] + cost;
                     entry.ring[at + k] = *cost;
@@ -322,7 +333,7 @@ impl Words<'_> {
             let offset = offset(block);
             let costs = self.block(lanes, first + offset, planned);
             for (step, cost) in costs.into_iter().enumerate() {
-                let at = step * entry.pitch + entry.radius + first + offset;
+                let at = step * entry.pitch + MARGIN + first + offset;
                 let (ring, sums) = (&mut entry.ring[at..], &mut entry.sums[at..]);
                 let others = lanes.sub(lanes.load(sums), lanes.load(ring));
                 lanes.store(lanes.add(others, cost), sums);

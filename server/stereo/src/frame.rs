@@ -15,7 +15,7 @@ use crate::mesh::{Mesh, MeshParams};
 use crate::output_mesh::{Evidence, Facet, Writer};
 use crate::paper::Occupancy;
 use crate::params::Params;
-use crate::plane::{MARGIN_X, MARGIN_Y, Plane};
+use crate::plane::{CACHE_LINE, MARGIN_X, MARGIN_Y, Plane};
 use crate::propagate;
 use crate::publish::{self, Published};
 use crate::simd::Level;
@@ -206,10 +206,11 @@ impl Frame {
         self.level = level;
         self.window = Window::of(shape, params);
         let Roi { width, height, .. } = self.window.roi;
-        self.left
-            .reshape(width, height, MARGIN_X, self.window.disparities + MARGIN_X);
-        self.right
-            .reshape(width, height, self.window.disparities + MARGIN_X, MARGIN_X);
+        // Every row begins with a cache line.
+        let margins = (2 * MARGIN_X + self.window.disparities + width).next_multiple_of(CACHE_LINE) - width;
+        self.left.reshape(width, height, MARGIN_X, margins - MARGIN_X);
+        let left = self.window.disparities + MARGIN_X;
+        self.right.reshape(width, height, left, margins - left);
         self.left_census.reshape(recipe.pattern, &self.left, false);
         self.right_census.reshape(recipe.pattern, &self.right, true);
         self.gradient.reshape(width, height);
@@ -328,7 +329,7 @@ impl Frame {
 
     /// Share of the pixels whose disparity explains the images badly, by the costs of mesh rungs.
     pub(crate) fn failed_share(&self) -> f32 {
-        propagate::failed_share(&self.cost)
+        propagate::failed_share(self.level, &self.cost)
     }
 
     /// Writes the mesh to `out`, in the image's pixels and disparities: the one that was matched, or one that is made anew from

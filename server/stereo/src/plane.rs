@@ -6,6 +6,9 @@ use crate::simd::{Kernel, Lanes, Level};
 /// Columns of margin that every plane has at least, on both sides, at full resolution; a quarter of it at a quarter: room
 /// for census (4), matching taps (4) and the one-pixel tests together, or for the labels of a band (16).
 pub(crate) const MARGIN_X: usize = 64;
+/// Bytes of a cache line, and of the longest vector: one that begins with a line lies in no other.
+pub(crate) const CACHE_LINE: usize = 64;
+
 /// Rows of margin above and below.
 pub(crate) const MARGIN_Y: usize = 8;
 
@@ -13,6 +16,8 @@ pub(crate) const MARGIN_Y: usize = 8;
 #[derive(Debug, Default)]
 pub(crate) struct Plane {
     data: Vec<u8>,
+    /// Where the first row begins: at the start of a cache line.
+    start: usize,
     width: usize,
     height: usize,
     margin_left: usize,
@@ -26,7 +31,9 @@ impl Plane {
         self.height = height;
         self.margin_left = margin_left;
         self.stride = margin_left + width + margin_right;
-        self.data.resize(self.stride * (height + 2 * MARGIN_Y), 0);
+        self.data
+            .resize(self.stride * (height + 2 * MARGIN_Y) + CACHE_LINE, 0);
+        self.start = self.data.as_ptr().align_offset(CACHE_LINE).min(CACHE_LINE);
     }
 
     /// Columns, margins included.
@@ -51,7 +58,7 @@ impl Plane {
 
     /// Row `y - MARGIN_Y` with its margins; `y` counts from the topmost margin row.
     fn padded_row(&self, y: usize) -> &[u8] {
-        &self.data[y * self.stride..][..self.stride]
+        &self.bytes()[y * self.stride..][..self.stride]
     }
 
     /// Row `y + dy` with its margins, for `dy` within [`MARGIN_Y`].
@@ -61,7 +68,11 @@ impl Plane {
 
     /// All rows one after another, margins included.
     pub(crate) fn bytes(&self) -> &[u8] {
-        &self.data
+        &self.data[self.start..]
+    }
+
+    fn bytes_mut(&mut self) -> &mut [u8] {
+        &mut self.data[self.start..]
     }
 
     /// Where column `index` (margins counted) of row `y` is in [`Self::bytes`].
@@ -71,7 +82,8 @@ impl Plane {
 
     /// Row `y` with its margins, for writing.
     pub(crate) fn row_mut(&mut self, y: usize) -> &mut [u8] {
-        &mut self.data[(y + MARGIN_Y) * self.stride..][..self.stride]
+        let stride = self.stride;
+        &mut self.bytes_mut()[(y + MARGIN_Y) * stride..][..stride]
     }
 
     /// Sets every byte, margins included.
@@ -89,7 +101,7 @@ impl Plane {
     ) {
         let (stride, margin_left) = (self.stride, self.margin_left);
         let last_row = view.height_px() - 1;
-        let data = &mut self.data[rows.start * stride..rows.end * stride];
+        let data = &mut self.bytes_mut()[rows.start * stride..rows.end * stride];
         for (y, row) in rows.zip(data.chunks_exact_mut(stride)) {
             let source = view.row((y + top_px).saturating_sub(MARGIN_Y).min(last_row));
             // First source column of this row, then how many columns lie left of the view, inside, and right of it.
@@ -119,7 +131,8 @@ impl Plane {
             source.stride / 2 - margin_left - width,
         );
         let last = source.height + 2 * MARGIN_Y - 2;
-        for (y, row) in self.data.chunks_exact_mut(self.stride).enumerate() {
+        let (stride, rows) = (self.stride, self.padded_height());
+        for (y, row) in self.bytes_mut().chunks_exact_mut(stride).take(rows).enumerate() {
             // Both planes have the same rows of margin; what lies further out repeats the outermost.
             let first = (2 * y).saturating_sub(MARGIN_Y).min(last);
             level.run(Halve {

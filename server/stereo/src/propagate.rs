@@ -33,10 +33,38 @@ pub(crate) struct Found<'a> {
 }
 
 /// Share of the pixels with these costs that are not good.
-pub(crate) fn failed_share(cost: &[u8]) -> f32 {
-    let in_row = |row: &[u8]| row.iter().map(|cost| u32::from(*cost >= GOOD_BELOW)).sum::<u32>();
-    let failed: u32 = cost.chunks(4096).map(in_row).sum();
-    failed as f32 / cost.len() as f32
+pub(crate) fn failed_share(level: Level, cost: &[u8]) -> f32 {
+    level.run(Failed { cost }) as f32 / cost.len() as f32
+}
+
+struct Failed<'a> {
+    cost: &'a [u8],
+}
+
+impl Kernel for Failed<'_> {
+    type Output = u32;
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, _: L) -> u32 {
+        let mut failed = 0;
+        // As many blocks as a byte can count.
+        for part in self.cost.chunks(BLOCK * usize::from(u8::MAX)) {
+            let mut counts = [0u8; BLOCK];
+            let (blocks, rest) = part.as_chunks::<BLOCK>();
+            for block in blocks {
+                for (count, cost) in counts.iter_mut().zip(block) {
+                    *count += u8::from(*cost >= GOOD_BELOW);
+                }
+            }
+            for &cost in rest {
+                failed += u32::from(cost >= GOOD_BELOW);
+            }
+            for count in counts {
+                failed += u32::from(count);
+            }
+        }
+        failed
+    }
 }
 
 /// Writes to `candidates` the disparity each pixel tries: its own where it is good or nobody near is, else the one of the

@@ -188,14 +188,15 @@ struct Rule {
     offset: u16,
 }
 
-/// Pixels of one block: plain loops over arrays of this length become vector code.
-const BLOCK: usize = 64;
+/// Pixels of one block: plain loops over arrays of this length become vector code. Their words fill the longest vector: what one
+/// loop stores, the next one loads as it was stored.
+const BLOCK: usize = 32;
 
-/// Counts of a row, one for each place in a block. No row has more than 64 blocks.
+/// Counts of a row, one for each place in a block. No row has more than 128 blocks.
 struct Tally {
     asked: [u8; BLOCK],
     answered: [u8; BLOCK],
-    changed: [u8; BLOCK],
+    changed: [u16; BLOCK],
     textured: [u8; BLOCK],
     confidence: [u16; BLOCK],
 }
@@ -230,7 +231,7 @@ impl Rule {
         Counts {
             asked: sum(&tally.asked),
             answered: sum(&tally.answered),
-            changed: sum(&tally.changed),
+            changed: tally.changed.iter().copied().map(u32::from).sum(),
             textured: sum(&tally.textured),
             confidence: tally.confidence.iter().copied().map(u32::from).sum(),
         }
@@ -255,27 +256,40 @@ impl Rule {
         let (interpolated, disparity) = (&row.interpolated[span.clone()], &row.disparity[span]);
         #[expect(clippy::cast_possible_truncation, reason = "less than a block")]
         let skipped = (counted - x) as u8;
+        // Bytes and words by themselves: mixed, vectors would be taken apart and put together again and again.
+        let (mut valid, mut kept, mut counted) = ([0; N], [0; N], [0; N]);
         for (x, place) in (0..N).zip(0u8..) {
             let sure = confidence[x];
-            let valid = u8::from(sure > 0);
+            valid[x] = u8::from(sure > 0);
             let wanted = mask[x] | self.everything;
-            let kept = wanted & (valid | self.everything) & u8::from(sure >= self.least_confidence);
-            confidence[x] = sure & kept.wrapping_neg();
+            kept[x] = wanted & (valid[x] | self.everything) & u8::from(sure >= self.least_confidence);
+            confidence[x] = sure & kept[x].wrapping_neg();
             let counts = u8::from(place >= skipped);
             tally.asked[x] += wanted & counts;
-            tally.answered[x] += kept & counts;
+            tally.answered[x] += kept[x] & counts;
             let textured = mask[x] & counts;
             tally.textured[x] += textured;
-            tally.confidence[x] += u16::from(sure & textured.wrapping_neg());
-            let valid = u16::from(valid).wrapping_neg();
+            counted[x] = sure & textured.wrapping_neg();
+        }
+        for (all, counted) in tally.confidence.iter_mut().zip(counted) {
+            *all += u16::from(counted);
+        }
+        let mut moved = [0; N];
+        for x in 0..N {
+            let valid = u16::from(valid[x]).wrapping_neg();
             let value = (disparity[x] & valid) | (interpolated[x] & !valid);
-            let value = (value + self.offset).max(1) & u16::from(kept).wrapping_neg();
+            let value = (value + self.offset).max(1) & u16::from(kept[x]).wrapping_neg();
             if COMPARES {
                 let before = fixed[x];
-                let moved = u8::from(before.abs_diff(value) >= CHANGED_FROM);
-                tally.changed[x] += moved | u8::from((before > 0) != (value > 0));
+                let is_moved = before.abs_diff(value) >= CHANGED_FROM;
+                moved[x] = u16::from(is_moved | ((before > 0) != (value > 0)));
             }
             fixed[x] = value;
+        }
+        if COMPARES {
+            for (all, moved) in tally.changed.iter_mut().zip(moved) {
+                *all += moved;
+            }
         }
     }
 }

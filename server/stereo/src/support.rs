@@ -112,15 +112,24 @@ impl Kernel for Strongest<'_> {
                     *eligible += counts;
                 }
             }
+            for border in [0..BORDER_PX, width - BORDER_PX..width] {
+                eligible[border.clone()].fill(0);
+                best[border].fill(0);
+            }
             let start = found.len();
-            for left in (0..width).step_by(cell_px) {
-                let end = (left + cell_px).min(width - BORDER_PX);
-                let columns = left.max(BORDER_PX).min(end)..end;
-                let count: usize = eligible[columns.clone()].iter().map(|&n| usize::from(n)).sum();
+            let cells = eligible.chunks(cell_px).zip(best.chunks(cell_px));
+            for (column, (eligible, best)) in cells.enumerate() {
+                let mut count = 0;
+                for &n in eligible {
+                    count += usize::from(n);
+                }
+                if count < enough {
+                    continue;
+                }
                 // Of equals the first column, `max_by_key` being for the last.
-                let strongest = columns.rev().max_by_key(|&x| best[x]);
-                if let (Some(x), true) = (strongest, count >= enough) {
-                    let y = top + cell_px - 1 - usize::from(best[x] & 0xFF);
+                if let Some((x, key)) = best.iter().enumerate().rev().max_by_key(|&(_, key)| key) {
+                    let y = top + cell_px - 1 - usize::from(key & 0xFF);
+                    let x = column * cell_px + x;
                     found.push(Candidate { x, y });
                 }
             }
