@@ -103,8 +103,6 @@ pub struct Launch<'a> {
     pub program: Option<&'a Path>,
     /// The cores it may run on, as `taskset --cpu-list` takes them; `None` = all.
     pub cores: Option<&'a str>,
-    /// The cores its workers may run on, if not the same.
-    pub worker_cores: Option<&'a str>,
     /// Arguments of `stereod serve`, besides the address and the log level.
     pub args: &'a [&'a str],
 }
@@ -159,7 +157,6 @@ impl Stereod {
         let Launch {
             program,
             cores,
-            worker_cores,
             args,
         } = *launch;
         let program = match program {
@@ -194,21 +191,25 @@ impl Stereod {
                 );
             }
             if let Some((_, url)) = line.split_once("listening on ") {
-                let url = url.trim().to_owned();
-                if let Some(cores) = worker_cores
-                    && !pin_threads(child.id(), "stereo-worker", cores)
-                {
-                    // Nothing may run on after an error.
-                    drop(child.kill().and_then(|()| child.wait()));
-                    bail!("the threads of the workers can't be moved to core {cores} with taskset");
-                }
                 return Ok(Self {
                     child,
                     _stdout: stdout,
-                    url,
+                    url: url.trim().to_owned(),
                 });
             }
         }
+    }
+
+    /// Moves the threads of its workers to `cores`, as `taskset --cpu-list` takes them. Call it once the server is ready: a thread has no
+    /// name before it runs for the first time.
+    ///
+    /// # Errors
+    /// If there are none or they can't be moved.
+    pub fn pin_workers(&self, cores: &str) -> Result<()> {
+        if !pin_threads(self.child.id(), "stereo-worker", cores) {
+            bail!("the threads of the workers can't be moved to core {cores} with taskset");
+        }
+        Ok(())
     }
 
     /// Where it listens: `http://127.0.0.1:PORT`.

@@ -7,7 +7,7 @@ use crate::figures::quantile;
 use crate::record::{Outcome, Record, STAGES};
 use crate::table::{Further, Row, Table};
 
-const HEAD: &str = "time,machine,capacity_hz,load,policy,offered,offered_hz,in_budget,in_budget_by_server,admitted,admitted_missed,\
+const HEAD: &str = "time,machine,capacity_hz,load,policy,offered,offered_hz,in_budget,in_budget_from_sending,in_budget_by_server,admitted,admitted_missed,\
 answered,expired,refused,not_sent,broken,goodput_hz,rungs_share,prediction_error_p95,latency_p50_ms,latency_p90_ms,latency_p99_ms,\
 latency_p999_ms,refusal_p99_ms,sent_late_p99_ms,memory_peak_bytes,recovery_s,jain,others_lost";
 
@@ -25,7 +25,7 @@ pub(crate) fn of(table: &Table, time: &str) -> String {
 pub(crate) fn of_records(records: &[Record]) -> String {
     let ms = |time: Duration| format!("{:.3}", time.as_secs_f64() * 1e3);
     let mut text =
-        "due,camera,budget,sent_late,latency,decided,outcome,rungs_run,predicted,actual,deadline_met,"
+        "due,camera,budget,sent_late,latency,decided,outcome,rungs_run,predicted,actual,deadline_met,total,"
             .to_owned();
     text += &STAGES.join(",");
     text.push('\n');
@@ -38,6 +38,7 @@ pub(crate) fn of_records(records: &[Record]) -> String {
                 cells.extend(["OK".to_owned(), digest.rungs_run.to_string()]);
                 cells.extend([digest.predicted, digest.actual].map(ms));
                 cells.push(digest.deadline_met.to_string());
+                cells.push(ms(digest.total));
                 cells.extend(digest.stages.map(ms));
             }
             Outcome::Refused { reason, .. } => cells.push(reason.as_str_name().to_owned()),
@@ -74,6 +75,7 @@ fn cells(table: &Table, row: &Row, time: &str) -> Vec<String> {
     cells.extend(
         [
             figures.in_budget,
+            figures.in_budget_from_sending,
             figures.in_budget_by_the_server,
             figures.admitted,
             figures.missed_by_the_server,

@@ -20,6 +20,8 @@ use crate::record::{Digest, Outcome, Record};
 const PROTOBUF: &str = "application/x-protobuf";
 /// How long an answer may take beyond the frame's budget; later ones are worth nothing, and sockets are finite.
 const PATIENCE: Duration = Duration::from_secs(5);
+/// What is sent of a budget that is over before the frame can be sent.
+const LEAST_BUDGET: Duration = Duration::from_micros(1);
 /// Connections rest for less than servers let them, so that none is closed while a frame goes out on it.
 const REST: Duration = Duration::from_secs(4);
 
@@ -73,7 +75,8 @@ impl Exchange {
     pub(crate) async fn send(&self, shot: Shot, start: Instant) -> Record {
         let sent = Instant::now();
         let due = start + shot.at;
-        let (decided, whole, outcome) = match self.answer(shot).await {
+        let lag = sent.saturating_duration_since(due);
+        let (decided, whole, outcome) = match self.answer(shot, lag).await {
             Ok(answered) => answered,
             Err(why) => {
                 let now = Instant::now();
@@ -82,7 +85,7 @@ impl Exchange {
         };
         Record {
             shot,
-            lag: sent.saturating_duration_since(due),
+            lag,
             latency: whole.saturating_duration_since(due),
             decided: decided - sent,
             outcome,
@@ -90,7 +93,9 @@ impl Exchange {
     }
 
     /// When the answer began, when it was whole, and what it was.
-    async fn answer(&self, shot: Shot) -> reqwest::Result<(Instant, Instant, Outcome)> {
+    async fn answer(&self, shot: Shot, lag: Duration) -> reqwest::Result<(Instant, Instant, Outcome)> {
+        // What is left of it: the answer is due so long after the frame was, not after it could be sent.
+        let left = shot.budget.saturating_sub(lag).max(LEAST_BUDGET);
         let body = PairBody {
             pieces: [self.heads[usize::from(shot.camera)].clone(), self.pair.clone()],
         };
@@ -102,7 +107,7 @@ impl Exchange {
             // In the head, so that the server knows it before the body is there.
             .header(
                 "x-latency-budget-ms",
-                format!("{:.3}", shot.budget.as_secs_f64() * 1e3),
+                format!("{:.3}", left.as_secs_f64() * 1e3),
             )
             .timeout(shot.budget + PATIENCE)
             .body(reqwest::Body::wrap(body));

@@ -26,6 +26,8 @@ pub(crate) struct Figures {
     pub(crate) offered_hz: f64,
     /// Frames answered in budget, counted from when they were due.
     pub(crate) in_budget: u64,
+    /// The same, counted from when they were sent.
+    pub(crate) in_budget_from_sending: u64,
     /// Frames in budget by the server's clock.
     pub(crate) in_budget_by_the_server: u64,
     /// Frames that the server took on.
@@ -56,7 +58,7 @@ pub(crate) struct Figures {
     pub(crate) refusing: Histogram<u64>,
     /// From when frames were due until they were sent.
     pub(crate) lag: Histogram<u64>,
-    /// Times of answered frames: lag, the server's [`STAGES`], and the rest, which is the way there and back.
+    /// Times of answered frames: lag, the server's [`STAGES`], making way for others, and the rest, which is the way there and back.
     pub(crate) stages: Vec<(&'static str, Histogram<u64>)>,
     /// Offered and in budget by budget.
     pub(crate) by_budget: BTreeMap<Duration, Part>,
@@ -65,12 +67,16 @@ pub(crate) struct Figures {
 }
 
 /// Part of the frames.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(crate) struct Part {
     /// Frames that were due.
     pub(crate) offered: u64,
     /// Those in budget.
     pub(crate) in_budget: u64,
+    /// Those answered.
+    pub(crate) answered: u64,
+    /// Shares of the asked rungs that were run, of all answers together.
+    pub(crate) rungs: f64,
 }
 
 impl Part {
@@ -78,6 +84,15 @@ impl Part {
     pub(crate) fn count(&mut self, record: &Record) {
         self.offered += 1;
         self.in_budget += u64::from(record.is_in_budget());
+        if let Outcome::Answered(digest) = &record.outcome {
+            self.answered += 1;
+            self.rungs += digest.rungs_share();
+        }
+    }
+
+    /// Mean share of the asked rungs that were run.
+    pub(crate) fn mean_rungs(self) -> f64 {
+        self.rungs / (self.answered as f64).max(1.0)
     }
 
     /// Share in budget.
@@ -99,6 +114,7 @@ impl Figures {
             offered: records.len() as u64,
             offered_hz: records.len() as f64 / seconds,
             in_budget,
+            in_budget_from_sending: count(Record::is_in_budget_from_sending),
             in_budget_by_the_server: by_the_server,
             admitted,
             missed_by_the_server: admitted - by_the_server,
@@ -117,7 +133,7 @@ impl Figures {
             stages: ["send"]
                 .iter()
                 .chain(&STAGES)
-                .chain(&["transfer"])
+                .chain(&["aside", "transfer"])
                 .map(|stage| (*stage, histogram()))
                 .collect(),
             by_budget: BTreeMap::new(),
@@ -143,10 +159,11 @@ impl Figures {
         match &record.outcome {
             Outcome::Answered(digest) => {
                 self.answered += 1;
-                self.rungs += f64::from(digest.rungs_run) / f64::from(digest.rungs_asked.max(1));
+                self.rungs += digest.rungs_share();
                 add(&mut self.latency, record.latency);
-                let rest = record.latency.saturating_sub(record.lag + digest.server_time());
-                let times = [record.lag].into_iter().chain(digest.stages).chain([rest]);
+                let rest = record.latency.saturating_sub(record.lag + digest.total);
+                let times = [record.lag].into_iter().chain(digest.stages);
+                let times = times.chain([digest.aside(), rest]);
                 for ((_, histogram), time) in self.stages.iter_mut().zip(times) {
                     add(histogram, time);
                 }
@@ -169,6 +186,11 @@ impl Figures {
     /// Share of the offered frames in budget.
     pub(crate) fn attainment(&self) -> f64 {
         share(self.in_budget, self.offered)
+    }
+
+    /// Share of the offered frames in budget, counted from when they were sent.
+    pub(crate) fn attainment_from_sending(&self) -> f64 {
+        share(self.in_budget_from_sending, self.offered)
     }
 
     /// The share in budget that is proven.

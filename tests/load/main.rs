@@ -33,15 +33,15 @@ use anyhow::{Context, Result, ensure};
 use clap::Parser;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use stereo_client::Client;
-use stereo_tests::process::{Launch, Stereod};
+use stereo_tests::process::Stereod;
 
 use crate::args::{Args, Arrivals};
 use crate::arrivals::Process;
-use crate::cores::Cores;
 use crate::exchange::Exchange;
 use crate::figures::Figures;
 use crate::frames::Frames;
 use crate::generator::{Generator, Until, millis};
+use crate::scenario::{OWN_POLICY, Stage};
 
 /// How long a server that was just started may take until it is ready.
 const STARTED_WITHIN: Duration = Duration::from_secs(60);
@@ -64,26 +64,13 @@ fn main() -> Result<ExitCode> {
 fn one(args: &Args) -> Result<ExitCode> {
     let started = match args.server {
         Some(_) => None,
-        None => {
-            let cores = Cores::split();
-            Some(Stereod::launch(&Launch {
-                program: args.stereod.as_deref(),
-                cores: cores.network.as_deref(),
-                worker_cores: cores.worker.as_deref(),
-                args: &["--workers", "1"],
-            })?)
-        }
+        None => Some(launch(args)?),
     };
     let url = started.as_ref().map(Stereod::url).or(args.server.as_deref());
     let url = url.context("there is no server")?;
-    wait_until_ready(
-        url,
-        if started.is_some() {
-            STARTED_WITHIN
-        } else {
-            READY_WITHIN
-        },
-    )?;
+    if started.is_none() {
+        wait_until_ready(url, READY_WITHIN)?;
+    }
     let pair = Frames::render(args.size).pair(args.size, args.codec)?;
     let exchange = Exchange::new(url, pair, args.cameras, args.preset)?;
     let generator = Generator::new(exchange, args.max_in_flight)?;
@@ -134,6 +121,11 @@ fn one(args: &Args) -> Result<ExitCode> {
     } else {
         ExitCode::from(NOT_KEPT)
     })
+}
+
+/// A server of its own policy on its own cores, ready.
+fn launch(args: &Args) -> Result<Stereod> {
+    Stage::new(args).start(OWN_POLICY)
 }
 
 /// The load in a few words.

@@ -52,6 +52,8 @@ pub(crate) struct Digest {
     pub(crate) actual: Duration,
     /// Whether the server was done in time by its own clock.
     pub(crate) deadline_met: bool,
+    /// From the request's head until the answer was written, by the server's clock.
+    pub(crate) total: Duration,
     /// Times of the server's [`STAGES`].
     pub(crate) stages: [Duration; STAGES.len()],
 }
@@ -69,6 +71,7 @@ impl Digest {
             predicted: time(report.predicted_cost),
             actual: time(report.actual_cost),
             deadline_met: report.deadline_met,
+            total: time(report.total),
             stages: [
                 report.received,
                 report.queued,
@@ -81,9 +84,14 @@ impl Digest {
         }
     }
 
-    /// All of the server's stages together.
-    pub(crate) fn server_time(&self) -> Duration {
-        self.stages.iter().sum()
+    /// Share of the asked rungs that were run.
+    pub(crate) fn rungs_share(&self) -> f64 {
+        f64::from(self.rungs_run) / f64::from(self.rungs_asked.max(1))
+    }
+
+    /// What of the server's time is in none of the stages: the frame made way for others.
+    pub(crate) fn aside(&self) -> Duration {
+        self.total.saturating_sub(self.stages.iter().sum())
     }
 }
 
@@ -91,6 +99,12 @@ impl Record {
     /// Whether a result was there, whole, before the budget was over - counted from when the frame was due.
     pub(crate) fn is_in_budget(&self) -> bool {
         matches!(self.outcome, Outcome::Answered(_)) && self.latency <= self.shot.budget
+    }
+
+    /// As [`is_in_budget`](Self::is_in_budget), counted from when the frame was sent: without the delays of the generator's timer.
+    pub(crate) fn is_in_budget_from_sending(&self) -> bool {
+        let taken = self.latency.saturating_sub(self.lag);
+        matches!(self.outcome, Outcome::Answered(_)) && taken <= self.shot.budget
     }
 
     /// Whether the server was in time by its own clock, which starts when the request's head has arrived and stops when

@@ -120,7 +120,11 @@ impl Stage {
         Ok(rates[REPEATS / 2])
     }
 
-    fn start(&self, policy: &str) -> Result<Stereod> {
+    /// Starts a server and waits until it is ready and its threads are where they belong.
+    ///
+    /// # Errors
+    /// If the server doesn't start or can't be moved.
+    pub(crate) fn start(&self, policy: &str) -> Result<Stereod> {
         let mut args = vec!["--workers", "1"];
         if policy != OWN_POLICY {
             args.extend(["--policy", policy]);
@@ -128,10 +132,12 @@ impl Stage {
         let server = Stereod::launch(&Launch {
             program: self.program.as_deref(),
             cores: self.cores.network.as_deref(),
-            worker_cores: self.cores.worker.as_deref(),
             args: &args,
         })?;
         wait_until_ready(server.url(), STARTED_WITHIN)?;
+        if let Some(cores) = &self.cores.worker {
+            server.pin_workers(cores)?;
+        }
         Ok(server)
     }
 

@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use crate::args::Part;
 use crate::figures::{Figures, quantile};
+use crate::scenario::OWN_POLICY;
 
 /// One load with one policy.
 pub(crate) struct Row {
@@ -65,13 +66,15 @@ pub(crate) struct Table {
 
 /// What the columns mean.
 pub(crate) const LEGEND: &str = "In budget: the whole result was there within the budget, counted from the moment the frame was due, whether or not it \
-could be sent then; in brackets what is certain with 99 % confidence (MLPerf's early-stopping rule). By the server's clock: from the \
+could be sent then; in brackets what is certain with 99 % confidence (MLPerf's early-stopping rule). Once sent: the same from when it was sent, \
+without the delays of the generator's own timer; what they leave of a budget is what is asked of the server. By the server's clock: from the \
 request's head to the writing of the answer. Admitted misses: late by the server's clock or expired, of those answered or expired. \
-Decided: from sending a frame to the beginning of its refusal. Rungs: mean share of the ladder. Memory: the server's peak.\n";
+Decided: from sending a frame to the beginning of its refusal. Rungs: mean share of the ladder. Memory: the server's peak. Further, \
+of a steady load: in budget and rungs of each budget, %.\n";
 
-const HEAD: &str = "| load | policy | offered /s | in budget, % of offered (certain) | by the server's clock, % | goodput /s | \
+const HEAD: &str = "| load | policy | offered /s | in budget, % of offered (certain) | once sent, % | by the server's clock, % | goodput /s | \
 of its peak, % | admitted misses, % | refused, % | decided p99, ms | rungs, % | prediction error p95, % | sent late p99, ms | \
-memory, MB | further |\n|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|\n";
+memory, MB | further |\n|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|\n";
 
 impl Table {
     /// When it was begun, for the names of files: to the second, and without the colons that some file systems refuse.
@@ -119,6 +122,7 @@ impl Table {
                 percent(figures.attainment()),
                 percent(figures.proven_attainment())
             ),
+            percent(figures.attainment_from_sending()),
             percent(figures.attainment_by_the_server()),
             format!("{:.1}", figures.goodput_hz),
             self.of_peak(row).map_or_else(none, percent),
@@ -168,6 +172,7 @@ fn further(row: &Row) -> String {
                 notes.push(format!("the others lost {:.1} points", 100.0 * lost));
             }
         }
+        Further::Load { .. } if row.policy == OWN_POLICY => notes.push(by_budget(figures)),
         Further::Load { .. } | Further::Nothing => {}
     }
     if figures.mute > 0 {
@@ -183,6 +188,19 @@ fn further(row: &Row) -> String {
         notes.push(format!("{count} without an answer ({})", why.replace('|', "/")));
     }
     notes.join("; ")
+}
+
+/// In budget and rungs of each budget, in per cent.
+fn by_budget(figures: &Figures) -> String {
+    let parts = figures.by_budget.iter().map(|(budget, part)| {
+        format!(
+            "{:.0} ms: {:.1} / {:.0}",
+            budget.as_secs_f64() * 1e3,
+            100.0 * part.share(),
+            100.0 * part.mean_rungs()
+        )
+    });
+    parts.collect::<Vec<_>>().join(", ")
 }
 
 #[cfg(test)]

@@ -46,6 +46,10 @@ pub(crate) fn judge(figures: &Figures, attain: Option<f64>, what: &str, length: 
         format!("{:.2} %", 100.0 * figures.attainment_by_the_server()),
     );
     line(
+        "in budget, once sent",
+        format!("{:.2} %", 100.0 * figures.attainment_from_sending()),
+    );
+    line(
         "goodput",
         format!("{:.1} frames a second in budget", figures.goodput_hz),
     );
@@ -64,7 +68,12 @@ pub(crate) fn judge(figures: &Figures, attain: Option<f64>, what: &str, length: 
     for (budget, part) in figures.by_budget.iter().filter(|_| figures.by_budget.len() > 1) {
         line(
             &format!("budget {} ms", ms(*budget)),
-            format!("{:.2} % of {} in budget", 100.0 * part.share(), part.offered),
+            format!(
+                "{:.2} % of {} in budget, {:.0} % of the ladder",
+                100.0 * part.share(),
+                part.offered,
+                100.0 * part.mean_rungs()
+            ),
         );
     }
     if !figures.refused.is_empty() {

@@ -30,6 +30,7 @@ fn answer() -> Outcome {
         predicted: 12 * MS,
         actual: 10 * MS,
         deadline_met: true,
+        total: 23 * MS,
         stages: [1, 2, 3, 4, 5, 6].map(|ms| ms * MS),
     }))
 }
@@ -56,6 +57,8 @@ fn every_frame_is_counted_once_and_late_ones_are_not_in_budget() {
     };
     let figures = Figures::of(&run);
     assert_eq!((figures.offered, figures.in_budget, figures.answered), (6, 1, 2));
+    // One of them was in budget but for the millisecond by which it was sent late.
+    assert_eq!(figures.in_budget_from_sending, 2);
     assert_eq!(figures.in_budget_by_the_server, 2);
     // Two answers and one that expired were taken on.
     assert_eq!((figures.admitted, figures.missed_by_the_server), (3, 1));
@@ -69,6 +72,7 @@ fn every_frame_is_counted_once_and_late_ones_are_not_in_budget() {
     assert_eq!(figures.goodput_hz, 0.5);
     assert_eq!(figures.rungs, 0.25);
     assert_eq!(figures.by_camera[&1].in_budget, 0);
+    assert_eq!(figures.by_camera[&0].mean_rungs(), 0.25);
     assert_eq!(
         figures.prediction_error, None,
         "the first answers are for learning"
@@ -79,10 +83,12 @@ fn every_frame_is_counted_once_and_late_ones_are_not_in_budget() {
         + figures.broken.values().sum::<u64>()
         + figures.not_sent;
     assert_eq!(total, figures.offered);
-    // 30 ms of which 1 is lag and 21 the server's: 8 on the way.
+    // 30 ms of which 1 is lag and 23 the server's, 21 of them in stages: 6 on the way.
     let (name, transfer) = figures.stages.last().expect("stages");
     assert_eq!(*name, "transfer");
-    assert_eq!(quantile(transfer, 0.5).as_millis(), 8);
+    assert_eq!(quantile(transfer, 0.5).as_millis(), 6);
+    let (name, aside) = &figures.stages[figures.stages.len() - 2];
+    assert_eq!((*name, quantile(aside, 0.5).as_millis()), ("aside", 2));
 }
 
 #[test]
