@@ -1,25 +1,22 @@
 //! What a piece of work is going to cost: an online estimate for each stage of each kind.
 //!
-//! The last values of each are kept. What is *typical* is between the median of the most recent ones, which doesn't follow a single
-//! hiccup, and their moving average, which follows a machine that gets slower within a few frames. The *tail* is a high quantile of all that are kept. What was only
+//! The last values of each are kept. What is *typical* is the median of the most recent ones, made more or less by the pace of the machine
+//! at the moment. The *tail* is a high quantile of how much more than expected they took. What was only
 //! primed is forgotten with the first real value. What was never seen costs what is nearest to it, by the unit: the same stage of the
 //! same kind at another rung, then of the nearest kind, then of any.
 
 use std::collections::{BTreeMap, HashMap};
 use std::time::Duration;
 
+use crate::pace::Pace;
 use crate::running::RUNGS;
 use crate::spec::{Kind, Stage};
 
 /// Values kept of each stage of each kind.
 const KEPT: usize = 64;
 /// The most recent of them, of which the median is taken.
-const RECENT: usize = 16;
-/// Weight of the last value in the moving average.
-const WEIGHT: f32 = 0.3;
-/// The moving average takes no value for more than this many medians.
-const HICCUP: f32 = 2.0;
-/// The tail is the largest value but this many of [`KEPT`]: the 97th percentile.
+const RECENT: usize = 32;
+/// The tail is the largest ratio but this many of [`KEPT`]: the 97th percentile.
 const ABOVE_TAIL: usize = 2;
 /// What was not measured for this long is measured anew: it may have changed.
 const STALE: Duration = Duration::from_secs(1);
@@ -67,29 +64,34 @@ impl std::iter::Sum for Cost {
     }
 }
 
-/// The last values of one quantity, seconds by the unit.
+/// The last values of one quantity, seconds by the unit, and how far they were from what was expected.
 #[derive(Debug, Clone)]
 struct Window {
     values: [f32; KEPT],
+    /// Each value as a multiple of what was expected.
+    ratios: [f32; KEPT],
     next: usize,
     len: usize,
-    average: f32,
     typical: f32,
+    /// The largest multiple of what is expected to reckon with.
     tail: f32,
 }
 
 impl Window {
     const EMPTY: Self = Self {
         values: [0.0; KEPT],
+        ratios: [0.0; KEPT],
         next: 0,
         len: 0,
-        average: 0.0,
         typical: 0.0,
-        tail: 0.0,
+        tail: 1.0,
     };
 
-    fn record(&mut self, value: f32) {
+    /// Takes a value, measured while the machine was at `pace`.
+    fn record(&mut self, value: f32, pace: f32) {
+        let expected = self.typical * pace;
         self.values[self.next] = value;
+        self.ratios[self.next] = if expected > 0.0 { value / expected } else { 1.0 };
         self.next = (self.next + 1) % KEPT;
         self.len = (self.len + 1).min(KEPT);
 
@@ -99,12 +101,9 @@ impl Window {
             *slot = self.values[(self.next + KEPT - 1 - age) % KEPT];
         }
         latest[..recent].sort_unstable_by(f32::total_cmp);
-        let median = f32::midpoint(latest[(recent - 1) / 2], latest[recent / 2]);
-        let weight = if self.len == 1 { 1.0 } else { WEIGHT };
-        self.average += weight * (value.min(HICCUP * median) - self.average);
-        self.typical = f32::midpoint(median, self.average);
+        self.typical = f32::midpoint(latest[(recent - 1) / 2], latest[recent / 2]);
 
-        let mut all = self.values;
+        let mut all = self.ratios;
         let all = &mut all[..self.len];
         let rank = self.len - 1 - ABOVE_TAIL * self.len / KEPT;
         let (_, tail, _) = all.select_nth_unstable_by(rank, f32::total_cmp);
@@ -115,7 +114,7 @@ impl Window {
             16..KEPT => 1.1,
             _ => 1.0,
         };
-        self.tail = tail.max(self.typical) * unseen;
+        self.tail = tail.max(1.0) * unseen;
     }
 
     fn cost(&self, units: u32, scale: f64) -> Cost {
@@ -125,9 +124,14 @@ impl Window {
         };
         Cost {
             typical: scaled(self.typical),
-            tail: scaled(self.tail),
+            tail: scaled(self.typical * self.tail),
         }
     }
+}
+
+/// Whether a stage is work of a worker, and not of the network.
+fn is_paced(stage: Stage) -> bool {
+    stage != Stage::Reply
 }
 
 /// Of the sum of tails.
@@ -157,6 +161,7 @@ struct Entry {
 pub struct CostModel<K> {
     entries: HashMap<(K, Stage), Entry>,
     order: BTreeMap<u64, (K, Stage)>,
+    pace: Pace,
     /// The same stage of any kind.
     pooled: BTreeMap<Stage, Window>,
     turns: u64,
@@ -170,6 +175,7 @@ impl<K: Kind> CostModel<K> {
         Self {
             entries: HashMap::new(),
             order: BTreeMap::new(),
+            pace: Pace::default(),
             pooled: BTreeMap::new(),
             turns: 0,
             capacity: capacity.max(1),
@@ -200,7 +206,11 @@ impl<K: Kind> CostModel<K> {
             reason = "24 bits are more than any clock is good for"
         )]
         let value = value as f32;
-        self.pooled.entry(stage).or_insert(Window::EMPTY).record(value);
+        let pace = self.factor(stage) as f32;
+        self.pooled
+            .entry(stage)
+            .or_insert(Window::EMPTY)
+            .record(value, pace);
 
         if !self.entries.contains_key(&key)
             && self.entries.len() >= self.capacity
@@ -224,7 +234,17 @@ impl<K: Kind> CostModel<K> {
             entry.is_primed = false;
             entry.window = Window::EMPTY;
         }
-        entry.window.record(value);
+        if !is_primed && entry.window.len > 0 {
+            let typical_s = f64::from(entry.window.typical) * f64::from(units);
+            if stage == Stage::Rung(0) {
+                self.pace.judge(typical_s, took.as_secs_f64());
+            }
+            // Steps are parts of rungs.
+            if stage != Stage::Step && is_paced(stage) {
+                self.pace.note(typical_s, took.as_secs_f64());
+            }
+        }
+        entry.window.record(value, pace);
         if is_primed {
             entry.primed = entry.window.typical;
         }
@@ -233,6 +253,21 @@ impl<K: Kind> CostModel<K> {
     /// What `units` of `stage` will take; what is nearest if this was never measured; nothing if the stage is unknown for all kinds.
     #[must_use]
     pub fn cost(&self, kind: K, stage: Stage, units: u32) -> Cost {
+        let Cost { typical, tail } = self.usual(kind, stage, units);
+        let factor = self.factor(stage);
+        Cost {
+            typical: typical.mul_f64(factor),
+            tail: tail.mul_f64(factor),
+        }
+    }
+
+    /// What the pace of the machine makes of a stage.
+    fn factor(&self, stage: Stage) -> f64 {
+        if is_paced(stage) { self.pace.factor() } else { 1.0 }
+    }
+
+    /// As [`cost`](Self::cost), at the usual pace.
+    fn usual(&self, kind: K, stage: Stage, units: u32) -> Cost {
         if let Some(entry) = self.entries.get(&(kind, stage)) {
             if entry.is_primed {
                 return self.corrected(kind, stage, units, &entry.window);

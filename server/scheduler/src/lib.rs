@@ -24,6 +24,7 @@ mod answer;
 mod cost;
 mod ladder;
 mod nanos;
+mod pace;
 mod rate;
 mod running;
 mod scheduler;
