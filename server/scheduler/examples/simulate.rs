@@ -12,7 +12,7 @@ mod world;
 
 use dice::Dice;
 use stereo_scheduler::{Config, Policy};
-use traffic::{Arrivals, VGA, requests};
+use traffic::{Arrivals, Costs, MEASURED, VGA, requests};
 use world::{Tally, World};
 
 const SECONDS: f64 = 20.0;
@@ -27,29 +27,32 @@ const POLICIES: [(&str, Policy); 5] = [
 ];
 
 fn main() {
+    println!("Virtual time; budgets 10, 20, 50, 100 ms.");
     println!(
-        "Virtual time; budgets 10, 20, 50, 100 ms; typical cost {} ms mandatory, {:.1} ms in full; C = {:.0} frames/s a worker.",
-        VGA.mandatory(),
-        1e3 / VGA.capacity(),
-        VGA.capacity()
-    );
-    println!(
-        "Each cell: in budget of offered / mean rungs of {}. Admitted and missed: last column, worst of the row.\n",
+        "Each cell: in budget of offered / mean rungs of {}. Admitted and missed: last column, worst of the row.",
         VGA.rungs()
     );
-    for workers in [1_u32, 2] {
-        println!("| {workers} worker(s) | policy | 0.5 C | 0.8 C | 1 C | 2 C | 4 C | missed |");
-        println!("|---|---|---|---|---|---|---|---|");
-        for (name, arrivals) in Arrivals::ALL {
-            for (label, policy) in POLICIES {
-                row(workers, name, arrivals, label, policy);
+    for (name, costs, most_workers) in [("even", VGA, 2), ("measured", MEASURED, 1)] {
+        println!(
+            "\nCosts `{name}`: {:.1} ms mandatory, {:.1} ms in full; C = {:.0} frames/s a worker.\n",
+            costs.mandatory(),
+            1e3 / costs.capacity(),
+            costs.capacity()
+        );
+        for workers in 1..=most_workers {
+            println!("| {workers} worker(s) | policy | 0.5 C | 0.8 C | 1 C | 2 C | 4 C | missed |");
+            println!("|---|---|---|---|---|---|---|---|");
+            for (name, arrivals) in Arrivals::ALL {
+                for (label, policy) in POLICIES {
+                    row(costs, workers, (name, arrivals), (label, policy));
+                }
             }
+            println!();
         }
-        println!();
     }
 }
 
-fn row(workers: u32, name: &str, arrivals: Arrivals, label: &str, policy: Policy) {
+fn row(costs: Costs, workers: u32, (name, arrivals): (&str, Arrivals), (label, policy): (&str, Policy)) {
     let mut line = format!("| {name} | {label} |");
     let mut worst: f64 = 0.0;
     for load in LOADS {
@@ -61,10 +64,10 @@ fn row(workers: u32, name: &str, arrivals: Arrivals, label: &str, policy: Policy
                 workers: workers as usize,
                 ..Config::default()
             };
-            let rate = load * VGA.capacity() * f64::from(workers);
+            let rate = load * costs.capacity() * f64::from(workers);
             let moments = arrivals.moments(&mut dice, rate, 0.0, SECONDS);
-            let requests = requests(&mut dice, &VGA, &moments, 0..8);
-            let outcomes = World { config, costs: VGA }.run(&mut dice, &requests);
+            let requests = requests(&mut dice, &costs, &moments, 0..8);
+            let outcomes = World { config, costs }.run(&mut dice, &requests);
             tally.count(&requests, &outcomes, 0.0, SECONDS);
         }
         line += &format!(" {:.2} % / {:.2} |", 100.0 * tally.attained(), tally.mean_rungs());

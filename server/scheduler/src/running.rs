@@ -67,6 +67,8 @@ pub(crate) struct Running<K> {
     pub(crate) stream: Option<StreamId>,
     /// `None`: background.
     pub(crate) due: Option<Duration>,
+    /// What a slow reply takes more than an ordinary one: no reason to refuse an answer, but to stop refining it.
+    pub(crate) slow_reply: Duration,
     pub(crate) work: Work<K>,
     pub(crate) costs: StageCosts,
     pub(crate) has_mesh: bool,

@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, HashMap};
 use std::time::Duration;
 
 use crate::answer::{Cancelled, DropReason, Dropped, Snapshot};
-use crate::cost::CostModel;
+use crate::cost::{Cost, CostModel};
 use crate::ladder::{Ladder, Level};
 use crate::nanos::{duration, nanos};
 use crate::rate::Rate;
@@ -272,6 +272,11 @@ impl<K: Kind, J> Scheduler<K, J> {
     fn least_slack(&self, now: Duration, headroom: usize, bound: Duration) -> i64 {
         let now = crate::timeline::at_headroom(nanos(now), headroom);
         self.timeline.least()[headroom].saturating_sub(now + nanos(bound))
+    }
+
+    /// What the reply takes after everything else.
+    fn reply(&self, work: &Work<K>) -> Cost {
+        self.costs.cost(work.encode, Stage::Reply, work.units)
     }
 
     /// What the stages of `work` cost, as known now.

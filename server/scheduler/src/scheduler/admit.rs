@@ -59,12 +59,9 @@ impl<K: Kind, J> Scheduler<K, J> {
         self.costs.learn(now, encode, Stage::Reply, units, took);
     }
 
-    /// Brings the deadline forward by what the reply takes, though by a quarter of the budget at most.
+    /// Brings the deadline forward by what the reply is reckoned with, though by a quarter of the budget at most.
     fn leave_time_to_reply(&self, now: Duration, spec: &mut JobSpec<K>) -> Duration {
-        let reply = self
-            .costs
-            .cost(spec.work.encode, Stage::Reply, spec.work.units)
-            .charge();
+        let reply = self.reply(&spec.work).charge();
         match &mut spec.urgency {
             Urgency::Deadline { at, .. } if self.is_edf() => {
                 let reply = reply.min(at.saturating_sub(now) / 4);

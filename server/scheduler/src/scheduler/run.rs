@@ -201,10 +201,14 @@ impl<K: Kind, J> Scheduler<K, J> {
         }
         .max(1);
         let mandatory = variant.costs.mandatory();
+        let reply = self.reply(&spec.work);
+        let budget = due.map_or(Duration::ZERO, |due| due.saturating_sub(now));
         self.running[worker] = Some(Running {
             ticket,
             stream: spec.stream,
             due,
+            // The deadline leaves time for an ordinary reply.
+            slow_reply: reply.tail.saturating_sub(reply.charge()).min(budget / 4),
             work: variant.work,
             costs: variant.costs,
             has_mesh: variant.has_mesh,
@@ -276,12 +280,13 @@ impl<K: Kind, J> Scheduler<K, J> {
         // What has to follow if this rung is finished, too.
         let ending = running.ending_after(running.rungs_done);
         let step = running.costs.step.tail;
-        let rest = if is_boundary {
-            rung.tail
+        let (rest, needed) = if is_boundary {
+            (rung.tail, (rung + ending).tail)
         } else {
-            rung.typical.saturating_sub(running.stage_took(now)).max(step)
+            let rest = rung.typical.saturating_sub(running.stage_took(now)).max(step);
+            (rest, rest + ending.tail)
         };
-        if now + rest + ending.tail > due {
+        if now + needed + running.slow_reply > due {
             return self.finish(now, worker, StopReason::Budget);
         }
         if self.timeline.len() > 0 {
@@ -289,8 +294,9 @@ impl<K: Kind, J> Scheduler<K, J> {
                 return self.put_aside(now, worker, due);
             }
             // To start a rung, those who wait and those who come must be able to spare all of it. To go on with one, so that what
-            // was done is not wasted, those who were promised an answer must be able to spare the next step.
-            let (headroom, work) = if is_boundary {
+            // was done is not wasted, and for a rung that takes no longer than a step, those who were promised an answer must be able
+            // to spare the next step.
+            let (headroom, work) = if is_boundary && rung.charge() > step {
                 (self.headroom_for_rungs(now), rung.charge())
             } else {
                 (0, step)

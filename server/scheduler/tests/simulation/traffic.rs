@@ -13,7 +13,14 @@ pub(crate) struct Costs {
     pub(crate) base: f64,
     pub(crate) rungs: &'static [f64],
     pub(crate) step: f64,
+    /// The output mesh after each rung, the first included; none if this is empty.
+    pub(crate) mesh: &'static [f64],
     pub(crate) encode: f64,
+    /// From the end of the encoding until the reply has left, and what else of a client's time a server can't know of.
+    pub(crate) reply: f64,
+    pub(crate) way: f64,
+    /// Standard deviation of the logarithm of the machine's pace, which lasts for some [`PACE_LASTS_MS`].
+    pub(crate) pace: f64,
     /// Standard deviation of the logarithm: of a frame, and of each of its stages.
     pub(crate) spread: f64,
     /// Probability that a stage takes much longer (page faults, another process): two to six times, by a Pareto law.
@@ -26,8 +33,30 @@ pub(crate) const VGA: Costs = Costs {
     base: 2.0,
     rungs: &[2.0, 2.0],
     step: 1.0,
+    mesh: &[],
     encode: 0.5,
+    reply: 0.0,
+    way: 0.0,
+    pace: 0.0,
     spread: 0.04,
+    hiccups: 0.000_3,
+};
+
+/// How long a pace lasts, in ms.
+pub(crate) const PACE_LASTS_MS: f64 = 30.0;
+
+/// A VGA pair as the server was seen to treat it, on a core whose pace depends on what its neighbours do.
+pub(crate) const MEASURED: Costs = Costs {
+    decode: 0.01,
+    base: 2.2,
+    rungs: &[2.3, 0.12],
+    step: 0.6,
+    mesh: &[0.66, 1.55, 1.45],
+    encode: 0.28,
+    reply: 0.75,
+    way: 0.35,
+    pace: 0.15,
+    spread: 0.03,
     hiccups: 0.000_3,
 };
 
@@ -38,11 +67,12 @@ impl Costs {
 
     /// Frames by the second that one worker can do in full.
     pub(crate) fn capacity(&self) -> f64 {
-        1e3 / (self.mandatory() + self.rungs.iter().sum::<f64>())
+        let mesh = self.mesh.last().unwrap_or(&0.0) - self.mesh.first().unwrap_or(&0.0);
+        1e3 / (self.mandatory() + self.rungs.iter().sum::<f64>() + mesh)
     }
 
     pub(crate) fn mandatory(&self) -> f64 {
-        self.decode + self.base + self.encode
+        self.decode + self.base + self.mesh.first().unwrap_or(&0.0) + self.encode
     }
 
     pub(crate) fn draw(&self, dice: &mut Dice) -> Frame {
@@ -61,6 +91,12 @@ impl Costs {
                 .map(|&typical| stage(typical))
                 .collect(),
             encode: stage(self.encode),
+            mesh: self.mesh.iter().map(|&typical| stage(typical)).collect(),
+            reply: if self.reply > 0.0 {
+                stage(self.reply)
+            } else {
+                Duration::ZERO
+            },
         }
     }
 }
@@ -71,6 +107,8 @@ pub(crate) struct Frame {
     pub(crate) decode: Duration,
     pub(crate) rungs: Vec<Duration>,
     pub(crate) encode: Duration,
+    pub(crate) mesh: Vec<Duration>,
+    pub(crate) reply: Duration,
 }
 
 #[derive(Debug, Clone)]

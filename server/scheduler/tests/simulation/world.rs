@@ -10,7 +10,7 @@ use stereo_scheduler::{
 };
 
 use super::dice::Dice;
-use super::traffic::{Costs, Request};
+use super::traffic::{Costs, PACE_LASTS_MS, Request};
 
 /// What became of a request.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -35,6 +35,7 @@ pub(crate) struct World {
 enum Doing {
     Decode,
     Match,
+    Mesh,
     Encode,
 }
 
@@ -67,7 +68,9 @@ impl World {
     pub(crate) fn run(&self, dice: &mut Dice, requests: &[Request]) -> Vec<Outcome> {
         let mut scheduler = Scheduler::new(self.config);
         self.prime(&mut scheduler, dice);
+        let paces = self.paces(dice, requests);
         let mut run = Run {
+            paces,
             world: self,
             scheduler,
             requests,
@@ -92,6 +95,24 @@ impl World {
             .collect()
     }
 
+    /// How many times as long as typical everything takes, in each millisecond.
+    fn paces(&self, dice: &Dice, requests: &[Request]) -> Vec<f64> {
+        let Some(last) = requests.last().filter(|_| self.costs.pace > 0.0) else {
+            return vec![1.0];
+        };
+        // Not the dice of the costs, which are the same at any pace.
+        let mut dice = dice.clone();
+        let keep = (-1.0 / PACE_LASTS_MS).exp();
+        let mut at = 0.0;
+        let count = last.at.as_millis() + 1000;
+        (0..count)
+            .map(|_| {
+                at = keep * at + self.costs.pace * (1.0 - keep * keep).sqrt() * dice.normal();
+                at.exp()
+            })
+            .collect()
+    }
+
     /// What a server learns from its dummy pairs.
     fn prime(&self, scheduler: &mut Scheduler<u32, usize>, dice: &mut Dice) {
         for _ in 0..16 {
@@ -100,6 +121,9 @@ impl World {
                 let took = |time: Duration| time.mul_f64(scale);
                 scheduler.prime(kind, Stage::Decode, UNITS, took(frame.decode));
                 scheduler.prime(kind, Stage::Encode(0), UNITS, took(frame.encode));
+                for (index, &mesh) in (0..).zip(&frame.mesh) {
+                    scheduler.prime(kind, Stage::Mesh(index), UNITS, took(mesh));
+                }
                 for (index, &rung) in (0..).zip(&frame.rungs) {
                     scheduler.prime(kind, Stage::Rung(index), UNITS, took(rung));
                 }
@@ -118,7 +142,7 @@ impl World {
             units: UNITS,
             decode: kind,
             matching: kind,
-            mesh: None,
+            mesh: (!self.costs.mesh.is_empty()).then_some(kind),
             encode: kind,
             rungs: self.costs.rungs(),
         };
@@ -142,6 +166,7 @@ impl World {
 
 struct Run<'a> {
     world: &'a World,
+    paces: Vec<f64>,
     scheduler: Scheduler<u32, usize>,
     requests: &'a [Request],
     outcomes: Vec<Option<Outcome>>,
@@ -221,7 +246,7 @@ impl Run<'_> {
                         doing: Doing::Decode,
                     });
                     let decode = request.frame.decode.mul_f64(scale);
-                    self.events.push(Reverse((now + decode, Event::Worker(worker))));
+                    self.take(now, worker, decode);
                 }
             }
         }
@@ -240,7 +265,12 @@ impl Run<'_> {
         }
         let kind = if is_half { HALF } else { FULL };
         let cost = |stage| self.scheduler.costs().cost(kind, stage, UNITS).typical;
-        let typical = cost(Stage::Decode) + cost(Stage::Rung(0)) + cost(Stage::Encode(0));
+        let mesh = if self.world.costs.mesh.is_empty() {
+            Duration::ZERO
+        } else {
+            cost(Stage::Mesh(0))
+        };
+        let typical = cost(Stage::Decode) + cost(Stage::Rung(0)) + mesh + cost(Stage::Encode(0));
         assert!(
             request.deadline.is_none_or(|due| now + typical <= due),
             "started at {now:?} what takes {typical:?} and is due at {:?}",
@@ -258,9 +288,8 @@ impl Run<'_> {
             Doing::Decode => {
                 self.scheduler.decoded(now, worker);
                 at_work.doing = Doing::Match;
-                self.events
-                    .push(Reverse((now + at_work.left, Event::Worker(worker))));
-                at_work.left = Duration::ZERO;
+                let base = std::mem::take(&mut at_work.left);
+                self.take(now, worker, base);
             }
             Doing::Match => {
                 let verdict = if at_work.left.is_zero() {
@@ -274,13 +303,23 @@ impl Run<'_> {
                 };
                 self.follow(now, worker, verdict);
             }
+            Doing::Mesh => {
+                self.scheduler.meshed(now, worker);
+                self.encode(now, worker);
+            }
             Doing::Encode => {
                 let finished = self.scheduler.finished(now, worker).expect("it had a job");
                 let at_work = self.workers[worker].take().expect("it works");
+                let request = &self.requests[at_work.request];
+                let reply = request.frame.reply;
+                if reply > Duration::ZERO {
+                    let spec = self.world.spec(request);
+                    self.scheduler.replied(now, &spec, reply);
+                }
                 self.end(
                     at_work.request,
                     Outcome::Served {
-                        at: now,
+                        at: now + reply + Duration::from_secs_f64(self.world.costs.way / 1e3),
                         rungs: at_work.rungs_done,
                         predicted: finished.predicted,
                         actual: finished.actual,
@@ -301,13 +340,33 @@ impl Run<'_> {
             }
             Verdict::Finish { because, .. } => {
                 assert!(because != StopReason::Complete || at_work.rungs_done == at_work.rungs);
-                at_work.doing = Doing::Encode;
-                let frame = &self.requests[at_work.request].frame;
-                let encode = frame.encode.mul_f64(at_work.scale);
-                self.events.push(Reverse((now + encode, Event::Worker(worker))));
+                let mesh = &self.requests[at_work.request].frame.mesh;
+                match mesh.get(usize::from(at_work.rungs_done) - 1) {
+                    Some(mesh) => {
+                        at_work.doing = Doing::Mesh;
+                        let mesh = mesh.mul_f64(at_work.scale);
+                        self.take(now, worker, mesh);
+                    }
+                    None => self.encode(now, worker),
+                }
             }
             Verdict::Abandon => unreachable!("nobody cancels here"),
         }
+    }
+
+    fn encode(&mut self, now: Duration, worker: usize) {
+        let at_work = self.workers[worker].as_mut().expect("it works");
+        at_work.doing = Doing::Encode;
+        let encode = self.requests[at_work.request].frame.encode.mul_f64(at_work.scale);
+        self.take(now, worker, encode);
+    }
+
+    /// `worker` does something that takes `usual` at the usual pace.
+    fn take(&mut self, now: Duration, worker: usize, usual: Duration) {
+        let millisecond = usize::try_from(now.as_millis()).expect("a short run");
+        let pace = self.paces[millisecond.min(self.paces.len() - 1)];
+        self.events
+            .push(Reverse((now + usual.mul_f64(pace), Event::Worker(worker))));
     }
 
     fn start_step(&mut self, now: Duration, worker: usize) {
@@ -320,7 +379,7 @@ impl Run<'_> {
             step
         };
         at_work.left -= step;
-        self.events.push(Reverse((now + step, Event::Worker(worker))));
+        self.take(now, worker, step);
     }
 
     /// Looks at the properties that hold at every moment.

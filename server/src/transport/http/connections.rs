@@ -1,5 +1,6 @@
 //! The listener and its connections: how many, how long each may be silent, and how they end.
 
+mod departures;
 mod patient;
 mod places;
 
@@ -21,6 +22,7 @@ use tokio::task::JoinHandle;
 use tokio::time::{sleep, timeout};
 use tower::ServiceExt;
 
+pub(super) use self::departures::Departures;
 use self::patient::Patient;
 use self::places::{Place, Places};
 use crate::config::HttpConfig;
@@ -157,12 +159,15 @@ impl Connection {
         let _ = stream.set_nodelay(true);
         let active = watch::Sender::new(0_usize);
         let serving = active.clone();
+        let departures = Departures::default();
+        let stream = Patient::new(stream, PATIENCE_FACTOR * config.body_timeout, departures.clone());
         let service = hyper::service::service_fn(move |request: hyper::Request<hyper::body::Incoming>| {
             place.speaks();
             let busy = Arc::new(Busy::new(&serving));
             let mut request: Request = request.map(Body::new);
             request.extensions_mut().insert(Peer(peer));
             request.extensions_mut().insert(Arc::clone(&busy));
+            request.extensions_mut().insert(departures.clone());
             let answer = router.clone().oneshot(request);
             async move {
                 let answer = answer.await;
@@ -171,7 +176,6 @@ impl Connection {
             }
         });
         let builder = builder(config.header_timeout);
-        let stream = Patient::new(stream, PATIENCE_FACTOR * config.body_timeout);
         let mut connection = pin!(builder.serve_connection(TokioIo::new(stream), service));
         let mut stopping = pin!(async move {
             let _ = stop.wait_for(|&stop| stop).await;

@@ -12,7 +12,7 @@ use axum::response::Response;
 use tokio::sync::OwnedSemaphorePermit;
 
 use super::body::Received;
-use super::connections::Peer;
+use super::connections::{Departures, Peer};
 use super::envelope::{ReceivedAt, RequestId};
 use super::form::parts_from_multipart;
 use super::negotiate::{self, Reply};
@@ -52,7 +52,7 @@ pub(super) async fn post(
     State(http): State<Arc<Http>>,
     Extension(ReceivedAt(received_at)): Extension<ReceivedAt>,
     Extension(RequestId(mut request_id)): Extension<RequestId>,
-    peer: Option<Extension<Peer>>,
+    (peer, departures): (Option<Extension<Peer>>, Option<Extension<Departures>>),
     request: Request,
 ) -> Result<Response, Refusal> {
     let peer = peer.map_or_else(String::new, |Extension(Peer(address))| address.to_string());
@@ -72,18 +72,22 @@ pub(super) async fn post(
     let finished = http.service.submit(frame).await.map_err(named)?;
     let encoded_at = received_at + finished.report.total;
     let service = Arc::clone(&http.service);
-    let on_sent = move |bytes: usize| {
-        let took = encoded_at.elapsed();
-        // A reply that takes longer says something about its client, which must not make the others' budgets shorter.
-        if took <= SLOWEST_START + Duration::from_nanos(SLOWEST_NS_BY_BYTE.saturating_mul(bytes as u64)) {
-            service.replied(&spec, took);
-        }
+    let departures = departures.map(|Extension(departures)| departures).unwrap_or_default();
+    let on_handed_over = move |bytes: usize| {
+        let service = Arc::clone(&service);
+        departures.notify(move || {
+            let took = encoded_at.elapsed();
+            // A reply that takes longer says something about its client, which must not make the others' budgets shorter.
+            if took <= SLOWEST_START + Duration::from_nanos(SLOWEST_NS_BY_BYTE.saturating_mul(bytes as u64)) {
+                service.replied(&spec, took);
+            }
+        });
     };
     // The pixels were slices of the request's body; from here on the reply's takes its place.
     drop(share);
     let body = finished.bodies.into_iter().next();
     let body = body.ok_or_else(|| ServiceError::Internal("a reply without a body".to_owned()));
-    let body = body.and_then(|body| http.bodies.reply(body, on_sent));
+    let body = body.and_then(|body| http.bodies.reply(body, on_handed_over));
     let body = body.map_err(|error| {
         http.service.count_unsent(&error);
         named(error)
