@@ -143,6 +143,19 @@ impl Server {
             .expect("a number")
     }
 
+    /// The values of a name's series with all labels, together.
+    pub(crate) async fn metric_sum(&self, name: &str) -> f64 {
+        let reply = self.get("/metrics").await;
+        let text = String::from_utf8(reply.body).expect("text");
+        let of_name = text
+            .lines()
+            .filter_map(|line| line.strip_prefix(name)?.strip_prefix('{'));
+        let values = of_name.filter_map(|rest| rest.rsplit_once(' '));
+        values
+            .map(|(_, value)| value.parse::<f64>().expect("a number"))
+            .sum()
+    }
+
     /// Waits until a series has this value; fails if that never happens.
     pub(crate) async fn until(&self, series: &str, value: f64) {
         let reached = async {

@@ -3,7 +3,7 @@
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::TcpStream;
 
-use crate::conversation::Server;
+use crate::conversation::{PROTOBUF, Server, message};
 
 async fn connect(server: &Server) -> TcpStream {
     let address = server.process.url().trim_start_matches("http://").to_owned();
@@ -16,13 +16,19 @@ async fn connections_that_say_nothing_make_room_for_those_that_do() {
     let good = server.good().await;
     let mut crowd = Vec::new();
     // More than this process may have open are not needed to be at the limit 500 times over.
-    for _ in 0..10_000 {
+    for count in 0..10_000 {
         crowd.push(connect(&server).await);
         if crowd.len() == 100 {
             crowd.clear();
         }
+        if count % 500 == 250 {
+            let answer = server.post_message(PROTOBUF, &message()).await;
+            assert!(answer.result().report.expect("always").deadline_met);
+        }
     }
     server.assert_serves(&good).await;
+    let missed = server.metric("stereod_deadlines_total{outcome=\"missed\"}").await;
+    assert_eq!(missed, 0.0);
     assert!(server.metric("stereod_connections").await <= 20.0);
     assert!(
         server
@@ -30,6 +36,15 @@ async fn connections_that_say_nothing_make_room_for_those_that_do() {
             .await
             > 0.0
     );
+    // Each of them has a counted end.
+    drop(crowd);
+    let ended = async {
+        while server.metric_sum("stereod_connections_ended_total").await < 10_000.0 {
+            tokio::task::yield_now().await;
+        }
+    };
+    let ended = tokio::time::timeout(std::time::Duration::from_secs(60), ended).await;
+    assert!(ended.is_ok(), "connections ended uncounted");
 }
 
 #[tokio::test]

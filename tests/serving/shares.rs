@@ -1,8 +1,13 @@
 //! Clients of different weight.
 
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, Ordering};
+
 use stereo_proto::v1;
 
-use crate::conversation::{Server, message};
+use tokio::task::JoinSet;
+
+use crate::conversation::{PROTOBUF, Server, message};
 
 fn background(camera: &str) -> v1::StereoRequest {
     let mut request = v1::StereoRequest {
@@ -16,13 +21,19 @@ fn background(camera: &str) -> v1::StereoRequest {
     request
 }
 
-#[tokio::test]
-async fn a_client_of_three_times_the_weight_is_served_three_times_as_often() {
-    let file = std::env::temp_dir().join(format!("stereod-weights-{}.toml", std::process::id()));
+/// A server with a camera of three times the weight of any other, ready.
+async fn with_a_heavy_camera(test: &str) -> Server {
+    let file = std::env::temp_dir().join(format!("stereod-{test}-{}.toml", std::process::id()));
     std::fs::write(&file, "[weights.cameras]\nheavy = 3\n").expect("a file");
     let server = Server::start(&["--config", file.to_str().expect("a plain path")]);
     std::fs::remove_file(file).expect("the test's own file");
     server.until_ready().await;
+    server
+}
+
+#[tokio::test]
+async fn a_client_of_three_times_the_weight_is_served_three_times_as_often() {
+    let server = with_a_heavy_camera("background").await;
     // What such frames cost is known from here on.
     let other = server
         .post_message("application/x-protobuf", &background("other"))
@@ -50,4 +61,50 @@ async fn a_client_of_three_times_the_weight_is_served_three_times_as_often() {
     let heavy = order[..4].iter().filter(|&&camera| camera == "heavy").count();
     assert_eq!(heavy, 3, "{order:?}");
     assert_eq!(long.await.expect("an answer").status, 200);
+}
+
+/// Two megapixels that are due within half a second.
+fn urgent(camera: &str) -> v1::StereoRequest {
+    let mut request = v1::StereoRequest {
+        camera_id: camera.to_owned(),
+        ..crate::lifecycle::large_message()
+    };
+    let options = request.options.get_or_insert_default();
+    options.set_preset(v1::Preset::Default);
+    options.latency_budget = Some(prost_types::Duration {
+        seconds: 0,
+        nanos: 500_000_000,
+    });
+    request
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn of_two_clients_that_want_more_than_there_is_the_one_of_three_times_the_weight_gets_most() {
+    let server = Arc::new(with_a_heavy_camera("deadline").await);
+    let left = Arc::new(AtomicU32::new(120));
+    let mut clients = JoinSet::new();
+    for camera in ["light", "heavy"].repeat(16) {
+        let (server, left) = (Arc::clone(&server), Arc::clone(&left));
+        let body = prost::Message::encode_to_vec(&urgent(camera));
+        clients.spawn(async move {
+            let mut served = 0_u32;
+            while left.load(Ordering::Relaxed) > 0 {
+                let answer = server.post_bytes(PROTOBUF, PROTOBUF, body.clone()).await;
+                assert!(matches!(answer.status, 200 | 429 | 503 | 504), "{}", answer.text());
+                if answer.status == 200 {
+                    served += 1;
+                    let _ = left.fetch_update(Ordering::Relaxed, Ordering::Relaxed, |n| n.checked_sub(1));
+                }
+            }
+            (camera, served)
+        });
+    }
+    let (mut light, mut heavy) = (0, 0);
+    while let Some(client) = clients.join_next().await {
+        match client.expect("no panic") {
+            ("light", served) => light += served,
+            (_, served) => heavy += served,
+        }
+    }
+    assert!(heavy > light && light > 0, "heavy {heavy}, light {light}");
 }

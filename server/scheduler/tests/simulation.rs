@@ -2,6 +2,9 @@
 //! reach. No clock, no sleep; equal seeds, equal runs.
 
 #[cfg(test)]
+#[path = "simulation/bound.rs"]
+mod bound;
+#[cfg(test)]
 #[path = "simulation/dice.rs"]
 mod dice;
 #[cfg(test)]

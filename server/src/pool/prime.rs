@@ -71,6 +71,7 @@ fn settings() -> Result<Vec<Setting>, ServiceError> {
         rungs,
     };
     let fast = with(|request| request.options.params = Params::fast());
+    let paper = with(|request| request.options.params = Params::paper());
     let dense = with(|request| request.options.params.density = Density::Dense);
     let zstd = with(|request| request.options.compression = Compression::Zstd);
     let lz4 = with(|request| request.options.compression = Compression::Lz4);
@@ -84,6 +85,8 @@ fn settings() -> Result<Vec<Setting>, ServiceError> {
         setting(&result, true, 1),
         setting(&fast, false, 1),
         setting(&fast, false, LADDER),
+        setting(&paper, false, 1),
+        setting(&paper, false, LADDER),
         setting(&dense, false, 1),
         setting(&dense, false, LADDER),
         setting(&files, false, 1),

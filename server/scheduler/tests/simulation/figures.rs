@@ -3,8 +3,11 @@
 
 use stereo_scheduler::{Config, Policy};
 
+use std::time::Duration;
+
+use super::bound::most_in_budget;
 use super::dice::Dice;
-use super::traffic::{Arrivals, MEASURED, VGA, requests};
+use super::traffic::{Arrivals, Costs, MEASURED, VGA, requests};
 use super::world::{Outcome, Tally, World};
 
 const SEEDS: u64 = 4;
@@ -189,5 +192,43 @@ fn on_an_uneven_machine_frames_are_in_time_and_predictions_close() {
         let p95 = errors[errors.len() * 95 / 100];
         println!("prediction error p95 {:.1} %", 100.0 * p95);
         assert!(p95 <= 0.2, "{load} C: {p95}");
+    }
+}
+
+/// Where frames come in bursts, some can't be in time whatever is done.
+#[test]
+fn of_bursts_nearly_as_much_is_in_budget_as_anyone_could_get_there() {
+    // All frames alike, so that the bound holds exactly.
+    let costs = Costs {
+        spread: 0.0,
+        hiccups: 0.0,
+        ..VGA
+    };
+    let mandatory = Duration::from_secs_f64(costs.mandatory() / 1e3);
+    for (name, arrivals) in Arrivals::ALL {
+        for load in [0.8, 1.0, 2.0, 4.0] {
+            let (mut tally, mut possible) = (Tally::default(), 0.0);
+            for seed in 0..SEEDS {
+                let mut dice = Dice::new(seed);
+                let config = Config::default();
+                let moments = arrivals.moments(&mut dice, load * costs.capacity(), 0.0, SECONDS);
+                let requests = requests(&mut dice, &costs, &moments, 0..8);
+                let outcomes = World { config, costs }.run(&mut dice, &requests);
+                tally.count(&requests, &outcomes, 0.0, SECONDS);
+                possible += most_in_budget(&requests, mandatory) * requests.len() as f64;
+            }
+            let possible = possible / tally.offered;
+            show(name, load, &tally);
+            println!("{:28} {load:3} C: at most {:7.3} %", "", 100.0 * possible);
+            assert!(
+                tally.attained() <= possible + 1e-9,
+                "{name} at {load} C: no bound"
+            );
+            assert!(
+                tally.attained() >= 0.95 * possible,
+                "{name} at {load} C: {} of {possible}",
+                tally.attained()
+            );
+        }
     }
 }
