@@ -154,11 +154,7 @@ impl Stereod {
     /// # Errors
     /// If the program can't be built or started, or ends before it listens.
     pub fn launch(launch: &Launch<'_>) -> Result<Self> {
-        let Launch {
-            program,
-            cores,
-            args,
-        } = *launch;
+        let Launch { program, cores, args } = *launch;
         let program = match program {
             Some(program) => program,
             None => binary()?,

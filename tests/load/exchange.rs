@@ -105,10 +105,7 @@ impl Exchange {
             .header(CONTENT_TYPE, PROTOBUF)
             .header(ACCEPT, PROTOBUF)
             // In the head, so that the server knows it before the body is there.
-            .header(
-                "x-latency-budget-ms",
-                format!("{:.3}", left.as_secs_f64() * 1e3),
-            )
+            .header("x-latency-budget-ms", format!("{:.3}", left.as_secs_f64() * 1e3))
             .timeout(shot.budget + PATIENCE)
             .body(reqwest::Body::wrap(body));
         let mut answer = request.send().await?;

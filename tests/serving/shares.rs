@@ -90,7 +90,11 @@ async fn of_two_clients_that_want_more_than_there_is_the_one_of_three_times_the_
             let mut served = 0_u32;
             while left.load(Ordering::Relaxed) > 0 {
                 let answer = server.post_bytes(PROTOBUF, PROTOBUF, body.clone()).await;
-                assert!(matches!(answer.status, 200 | 429 | 503 | 504), "{}", answer.text());
+                assert!(
+                    matches!(answer.status, 200 | 429 | 503 | 504),
+                    "{}",
+                    answer.text()
+                );
                 if answer.status == 200 {
                     served += 1;
                     let _ = left.fetch_update(Ordering::Relaxed, Ordering::Relaxed, |n| n.checked_sub(1));

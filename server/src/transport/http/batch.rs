@@ -31,7 +31,7 @@ use self::replies::{Outlet, Piece, channel};
 use super::connections::{Busy, Peer};
 use super::envelope::{ReceivedAt, RequestId};
 use super::refusal::Refusal;
-use super::{Http, body, negotiate};
+use super::{Http, negotiate};
 use crate::job::{PriorityClass, ReplyFormat};
 use crate::metrics::BatchEnd;
 use crate::status::ServiceError;
@@ -52,8 +52,8 @@ pub(super) async fn post(
 ) -> Result<Response, Refusal> {
     let (parts, body) = request.into_parts();
     if let Err(error) = check_head(&http, &parts.headers) {
-        body::leave_unread(body);
-        return Err(http.service.refuse(error, received_at, &request_id).into());
+        let error = http.service.refuse(error, received_at, &request_id);
+        return Err(Refusal::unread(body, error));
     }
     let (outlet, replies) = channel(http.bodies.timeout());
     let batch = Batch {

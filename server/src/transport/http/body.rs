@@ -23,6 +23,8 @@ use crate::status::ServiceError;
 const FIRST_RESERVATION: usize = 4 << 20;
 /// Size of the pieces that a reply is sent in.
 const PIECE: usize = 128 << 10;
+/// An unwanted body of more than this ends its connection: what is under way of a smaller one is mostly here already.
+const UNREAD_AT_MOST: u64 = 1 << 20;
 /// How long a refused request may go on sending. A client that is cut off while it sends would not read why.
 const LINGER: Duration = Duration::from_secs(5);
 /// How much longer than the limit a body may be for its sender to be waited for.
@@ -235,14 +237,15 @@ impl HttpBody for Reply {
 
 /// A refusal of a request whose body was not read.
 pub(super) fn refuse_unread(body: Body, error: ServiceError) -> Response {
-    leave_unread(body);
-    Refusal::from(error).into_response()
+    Refusal::unread(body, error).into_response()
 }
 
-/// What happens to a body that nobody wants.
-pub(super) fn leave_unread(body: Body) {
+/// What happens to a body that nobody wants. True if it is so large that its client had better stop sending it.
+pub(super) fn leave_unread(body: Body) -> bool {
     let claimed = body.size_hint().lower();
+    let is_large = claimed > UNREAD_AT_MOST && !body.is_end_stream();
     linger(body, claimed, FIRST_RESERVATION as u64);
+    is_large
 }
 
 /// Lets the client finish sending a body that nobody wants, within reason, so that it gets to read the answer.
@@ -256,6 +259,8 @@ fn linger(body: Body, claimed: u64, limit: u64) {
 async fn discard(mut body: Body, most: u64) {
     let mut discarded = 0;
     while let Some(Ok(frame)) = body.frame().await {
+        // Those whose bodies are wanted go first.
+        tokio::task::yield_now().await;
         discarded += frame.data_ref().map_or(0, |data| data.len() as u64);
         if discarded > most {
             return;

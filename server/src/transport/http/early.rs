@@ -24,7 +24,7 @@ const KINDS: usize = 4;
 const LIFETIME: Duration = Duration::from_secs(1);
 
 /// An address, and the length of the body.
-type Sender = (String, u64);
+pub(super) type Sender = (String, u64);
 /// What a request was like, and when.
 type Seen = (Instant, JobSpec<Kind>);
 

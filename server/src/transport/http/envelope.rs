@@ -75,7 +75,7 @@ pub(super) async fn wrap(
     next: Next,
 ) -> Response {
     let received_at = Instant::now();
-    let form = refusal_form(request.headers());
+    let form = (refusal_form(request.headers()), request.version());
     let (id, accepted) = names.of(request.headers());
     let span = span(&request, &id);
     let extensions = request.extensions_mut();

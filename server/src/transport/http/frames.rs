@@ -11,13 +11,14 @@ use axum::http::{HeaderMap, HeaderName, HeaderValue, Uri};
 use axum::response::Response;
 use tokio::sync::OwnedSemaphorePermit;
 
+use super::Http;
 use super::body::Received;
 use super::connections::{Departures, Peer};
+use super::early::Sender;
 use super::envelope::{ReceivedAt, RequestId};
 use super::form::parts_from_multipart;
 use super::negotiate::{self, Reply};
 use super::refusal::Refusal;
-use super::{Http, body};
 use crate::job::{FrameRequest, PriorityClass, Report};
 use crate::service::Service;
 use crate::status::ServiceError;
@@ -57,10 +58,18 @@ pub(super) async fn post(
 ) -> Result<Response, Refusal> {
     let peer = peer.map_or_else(String::new, |Extension(Peer(address))| address.to_string());
     let (parts, body) = request.into_parts();
+    let sender = body.size_hint().exact().map(|bytes| (peer.clone(), bytes));
+    let head = match assess(&http, &parts, sender.as_ref(), received_at) {
+        Ok(head) => head,
+        Err(error) => {
+            let error = http.service.refuse(error, received_at, &request_id);
+            return Err(Refusal::unread(body, error));
+        }
+    };
     let mut unfinished = CountIfCancelled(Some(&http.service));
-    let read = read(&http, &parts, body, received_at, (&mut request_id, peer)).await;
+    let read = read(&http, &head, body, received_at, (&mut request_id, peer, sender)).await;
     unfinished.0 = None;
-    let (media_type, frame, share) = match read {
+    let (frame, share) = match read {
         Ok(read) => read,
         Err(error) => {
             let error = http.service.refuse(error, received_at, &request_id);
@@ -72,7 +81,9 @@ pub(super) async fn post(
     let finished = http.service.submit(frame).await.map_err(named)?;
     let encoded_at = received_at + finished.report.total;
     let service = Arc::clone(&http.service);
-    let departures = departures.map(|Extension(departures)| departures).unwrap_or_default();
+    let departures = departures
+        .map(|Extension(departures)| departures)
+        .unwrap_or_default();
     let on_handed_over = move |bytes: usize| {
         let service = Arc::clone(&service);
         departures.notify(move || {
@@ -94,7 +105,7 @@ pub(super) async fn post(
     })?;
     let mut response = Response::new(body);
     let headers = response.headers_mut();
-    headers.insert(CONTENT_TYPE, HeaderValue::from_static(media_type));
+    headers.insert(CONTENT_TYPE, HeaderValue::from_static(head.reply.media_type));
     // Digits, letters and punctuation, so always a valid header value.
     if let Ok(timing) = HeaderValue::from_str(&server_timing(&finished.report)) {
         headers.insert(SERVER_TIMING, timing);
@@ -102,30 +113,29 @@ pub(super) async fn post(
     Ok(response)
 }
 
-/// From the head to a whole and checked frame, its reply's media type and its share of the bytes in flight. A body that isn't worth
-/// reading isn't read. `request_id` becomes the one in the body, if that has one.
-async fn read(
+/// Whether the body is worth reading, by what the head says.
+fn assess(
     http: &Http,
     parts: &Parts,
+    sender: Option<&Sender>,
+    received_at: Instant,
+) -> Result<Head, ServiceError> {
+    let head = read_head(http, &parts.uri, &parts.headers)?;
+    if let (Some(budget), Some(sender)) = (head.budget, sender) {
+        http.hints.assess(&http.service, sender, budget, received_at)?;
+    }
+    Ok(head)
+}
+
+/// From the head to a whole and checked frame and its share of the bytes in flight. `request_id` becomes the one in the body, if that
+/// has one.
+async fn read(
+    http: &Http,
+    head: &Head,
     body: Body,
     received_at: Instant,
-    (request_id, peer): (&mut String, String),
-) -> Result<(&'static str, FrameRequest, Option<OwnedSemaphorePermit>), ServiceError> {
-    let claimed = body.size_hint().exact();
-    let sender = claimed.map(|bytes| (peer.clone(), bytes));
-    let acceptable = read_head(http, &parts.uri, &parts.headers).and_then(|head| {
-        if let (Some(budget), Some(sender)) = (head.budget, &sender) {
-            http.hints.assess(&http.service, sender, budget, received_at)?;
-        }
-        Ok(head)
-    });
-    let head = match acceptable {
-        Ok(head) => head,
-        Err(error) => {
-            body::leave_unread(body);
-            return Err(error);
-        }
-    };
+    (request_id, peer, sender): (&mut String, String, Option<Sender>),
+) -> Result<(FrameRequest, Option<OwnedSemaphorePermit>), ServiceError> {
     let Received { bytes, share } = http.bodies.read(body, received_at, head.budget).await?;
     let message = match &head.content {
         Content::Protobuf => decode_request(bytes)?,
@@ -147,7 +157,7 @@ async fn read(
     if let (Some(_), Some(sender)) = (head.budget, sender) {
         http.hints.remember(sender, http.service.spec(&frame));
     }
-    Ok((head.reply.media_type, frame, share))
+    Ok((frame, share))
 }
 
 /// Counts a request whose client goes away before it has become a frame.

@@ -1,11 +1,12 @@
 //! Refusals on their way out. Routes only say what went wrong; the envelope writes it in the form the client reads.
 
 use axum::body::Body;
-use axum::http::header::{ALLOW, CONTENT_TYPE, RETRY_AFTER};
-use axum::http::{HeaderValue, StatusCode};
+use axum::http::header::{ALLOW, CONNECTION, CONTENT_TYPE, RETRY_AFTER};
+use axum::http::{HeaderValue, StatusCode, Version};
 use axum::response::{IntoResponse, Response};
 use prost::Message;
 
+use super::body::leave_unread;
 use super::negotiate::{PROBLEM_JSON, PROTOBUF, RefusalForm};
 use crate::status::ServiceError;
 
@@ -15,6 +16,8 @@ pub(super) struct Refusal {
     error: ServiceError,
     /// The name that the body gives the request; `None` = the one its head has.
     request_id: Option<String>,
+    /// A large body was not read: the client is told that the connection ends, so that it stops sending.
+    closes: bool,
 }
 
 impl Refusal {
@@ -23,6 +26,15 @@ impl Refusal {
         Self {
             error,
             request_id: Some(request_id),
+            closes: false,
+        }
+    }
+
+    /// Of a request whose body nobody reads.
+    pub(super) fn unread(body: Body, error: ServiceError) -> Self {
+        Self {
+            closes: leave_unread(body),
+            ..Self::from(error)
         }
     }
 }
@@ -32,6 +44,7 @@ impl From<ServiceError> for Refusal {
         Self {
             error,
             request_id: None,
+            closes: false,
         }
     }
 }
@@ -45,12 +58,24 @@ impl IntoResponse for Refusal {
 }
 
 /// Writes the body of a response that is an unwritten refusal; leaves every other as it is.
-pub(super) fn written(mut response: Response, form: RefusalForm, request_id: &str) -> Response {
+pub(super) fn written(
+    mut response: Response,
+    (form, version): (RefusalForm, Version),
+    request_id: &str,
+) -> Response {
     match response.extensions_mut().remove::<Refusal>() {
         Some(Refusal {
             error,
             request_id: own,
-        }) => write(&error, form, own.as_deref().unwrap_or(request_id)),
+            closes,
+        }) => {
+            let mut response = write(&error, form, own.as_deref().unwrap_or(request_id));
+            if closes && version < Version::HTTP_2 {
+                let close = HeaderValue::from_static("close");
+                response.headers_mut().insert(CONNECTION, close);
+            }
+            response
+        }
         None => response,
     }
 }
