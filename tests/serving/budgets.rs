@@ -57,7 +57,7 @@ async fn a_budget_that_can_not_be_met_is_refused_before_the_body_is_sent() {
     // Four megapixels each, of which nothing is ever sent.
     let head = format!(
         "POST /v1/stereo HTTP/1.1\r\nHost: x\r\nContent-Type: {PROTOBUF}\r\nX-Latency-Budget-Ms: 0.5\r\n\
-         Accept: application/json\r\nContent-Length: 8388608\r\n\r\n"
+         Accept: application/json\r\nContent-Length: 8388608\r\nConnection: close\r\n\r\n"
     );
     let sent = Instant::now();
     stream.write_all(head.as_bytes()).await.expect("room");
@@ -68,8 +68,27 @@ async fn a_budget_that_can_not_be_met_is_refused_before_the_body_is_sent() {
     assert!(sent.elapsed() < Duration::from_secs(5), "not after a timeout");
     let says_when = answer.contains("DEADLINE_INFEASIBLE") && answer.contains("earliest_feasible_ms");
     assert!(says_when || answer.contains("EXPIRED"), "{answer}");
-    // So that a client that is sending it stops.
-    assert!(answer.contains("connection: close"), "{answer}");
+}
+
+#[tokio::test]
+async fn a_client_whose_large_body_nobody_wants_is_told_that_the_connection_ends() {
+    let server = Server::start(&[]);
+    for (length, closes) in [(8_388_608, true), (600_000, false)] {
+        let mut stream = connect(&server).await;
+        let head = format!(
+            "POST /v1/stereo HTTP/1.1\r\nHost: x\r\nContent-Type: text/plain\r\nContent-Length: {length}\r\n\r\n"
+        );
+        stream.write_all(head.as_bytes()).await.expect("room");
+        let mut answer = String::new();
+        while !answer.contains("\r\n\r\n") {
+            let mut piece = [0; 2048];
+            let count = stream.read(&mut piece).await.expect("an answer");
+            assert!(count > 0, "{answer}");
+            answer += &String::from_utf8_lossy(&piece[..count]);
+        }
+        assert!(answer.starts_with("HTTP/1.1 415"), "{answer}");
+        assert_eq!(answer.contains("connection: close"), closes, "{answer}");
+    }
 }
 
 #[tokio::test]
