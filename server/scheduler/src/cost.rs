@@ -205,8 +205,7 @@ impl<K: Kind> CostModel<K> {
             clippy::cast_possible_truncation,
             reason = "24 bits are more than any clock is good for"
         )]
-        let value = value as f32;
-        let pace = self.factor(stage) as f32;
+        let (value, pace) = (value as f32, self.factor(stage) as f32);
         self.pooled
             .entry(stage)
             .or_insert(Window::EMPTY)
