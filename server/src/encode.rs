@@ -41,6 +41,7 @@ pub fn body(
         ReplyFormat::DisparityPart => wire::disparity_body(frame),
         ReplyFormat::MeshPart => wire::mesh_body(frame),
         ReplyFormat::ReportPart => Ok(wire::report_body(&finish())),
+        ReplyFormat::StreamView => wire::stream_view_body(frame, finish),
     }
     .map(Bytes::from)
 }

@@ -315,6 +315,8 @@ pub enum ReplyFormat {
     MeshPart,
     /// The `ExecutionReport` of a protobuf result alone.
     ReportPart,
+    /// `StreamView` protobuf.
+    StreamView,
 }
 
 impl ReplyFormat {
@@ -331,6 +333,7 @@ impl ReplyFormat {
             Self::DisparityPart => "disparity",
             Self::MeshPart => "mesh",
             Self::ReportPart => "report",
+            Self::StreamView => "view",
         }
     }
 

@@ -44,12 +44,13 @@ pub(crate) struct Stream {
 }
 
 /// Bodies that viewers can ask for.
-const PICTURES: [ReplyFormat; 5] = [
+const PICTURES: [ReplyFormat; 6] = [
     ReplyFormat::Protobuf,
     ReplyFormat::Json,
     ReplyFormat::DisparityPng,
     ReplyFormat::ColorPng,
     ReplyFormat::Glb,
+    ReplyFormat::StreamView,
 ];
 
 fn picture_index(format: ReplyFormat) -> Option<usize> {

@@ -21,6 +21,7 @@ mod report;
 mod request;
 mod result;
 mod settings;
+mod stream_view;
 
 pub use budget::{latency_budget_from_grpc_timeout, latency_budget_from_ms};
 pub use delimited::{Delimited, delimited, delimited_result_head};
@@ -30,3 +31,4 @@ pub(crate) use request::is_request_id;
 pub use request::{Intake, decode_request, frame_request};
 pub use result::{disparity_body, mesh_body, result_body};
 pub use settings::{camera_settings, camera_settings_from_json, camera_settings_to_proto};
+pub use stream_view::stream_view_body;

@@ -3,6 +3,7 @@
 import { fromBinary, toBinary } from "@bufbuild/protobuf";
 import { type StereoRequest, StereoRequestSchema } from "./gen/stereo/v1/request_pb.ts";
 import { type StereoResult, StereoResultSchema } from "./gen/stereo/v1/result_pb.ts";
+import { type StreamView, StreamViewSchema } from "./gen/stereo/v1/stream_pb.ts";
 
 const PROTOBUF = "application/x-protobuf";
 /** Results as protobuf; refusals for people. */
@@ -62,10 +63,10 @@ export async function json<T>(path: string, signal?: AbortSignal): Promise<T> {
   return (await ask(path, signal ? { signal } : {})).json() as Promise<T>;
 }
 
-/** The next result of a camera. */
-export async function latest(camera: string, signal: AbortSignal): Promise<StereoResult> {
-  const path = `v1/streams/${encodeURIComponent(camera)}/latest`;
-  return fromBinary(StereoResultSchema, await read(await ask(path, { headers: { Accept: ACCEPT }, signal })));
+/** The next frame of a camera, with everything there is to see of it. */
+export async function latest(camera: string, signal: AbortSignal): Promise<StreamView> {
+  const path = `v1/streams/${encodeURIComponent(camera)}/latest?view=frame`;
+  return fromBinary(StreamViewSchema, await read(await ask(path, { headers: { Accept: ACCEPT }, signal })));
 }
 
 /** A body, whole or refused. */
@@ -78,7 +79,7 @@ async function read(response: Response): Promise<Uint8Array> {
 }
 
 /** A good response, or why there is none. */
-export async function ask(path: string, init: RequestInit): Promise<Response> {
+async function ask(path: string, init: RequestInit): Promise<Response> {
   let response: Response;
   try {
     response = await fetch(path, init);

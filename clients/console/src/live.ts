@@ -1,10 +1,11 @@
 // The page "Live": the cameras that this server serves, and one of them frame by frame.
 
-import { ask, latest, Refused } from "./api.ts";
+import { latest, Refused } from "./api.ts";
 import { find, make, say, table } from "./dom.ts";
 import { count, grouped } from "./format.ts";
 import { follow, type Network, type Stream, type Streams, streams, whyNone } from "./streams.ts";
 import { Timeline } from "./timeline.ts";
+import { pictureOf } from "./picture.ts";
 import { Views } from "./views.ts";
 
 /** How often the list of cameras is asked for, in ms. */
@@ -136,14 +137,17 @@ export class LivePage {
         continue;
       }
       try {
-        const [result, left] = await Promise.all([latest(camera, signal), leftImage(camera, signal)]);
+        const { result, left } = await latest(camera, signal);
+        const picture = left && (await pictureOf(left));
         if (signal.aborted) {
           return;
         }
-        if (left) {
-          this.#views.showLeft(left);
+        if (picture) {
+          this.#views.showLeft(picture);
         }
-        this.#views.show(result);
+        if (result) {
+          this.#views.show(result);
+        }
         say(this.#problem, "");
         await new Promise(requestAnimationFrame);
       } catch (error) {
@@ -157,12 +161,6 @@ export class LivePage {
       }
     }
   }
-}
-
-async function leftImage(camera: string, signal: AbortSignal): Promise<ImageBitmap> {
-  const path = `v1/streams/${encodeURIComponent(camera)}/latest?view=left`;
-  const response = await ask(path, { headers: { Accept: "image/*, application/problem+json" }, signal });
-  return createImageBitmap(await response.blob());
 }
 
 function showFleet(element: HTMLElement, zenoh: Network): void {

@@ -3,7 +3,6 @@
 import { type Palette, place } from "./color.ts";
 import type { Calibration } from "./gen/stereo/v1/calibration_pb.ts";
 import type { Disparity } from "./gen/stereo/v1/disparity_pb.ts";
-import { Compression, DisparityEncoding } from "./gen/stereo/v1/options_pb.ts";
 
 /** Disparities are in 1/256 px, 0 = none. */
 export const FIXED_PER_PX = 256;
@@ -16,7 +15,7 @@ export interface Maps {
   height: number;
   /** In 1/256 px, 0 = none; row by row. */
   disparity: Uint16Array;
-  /** 0 to 254; row by row. Empty if it was not sent. */
+  /** 0 to 254; row by row. */
   confidence: Uint8Array;
   calibration: Calibration | undefined;
 }
@@ -27,40 +26,16 @@ export interface Range {
   to: number;
 }
 
-/** Reads what a result says; a sentence if the page can't. */
-export function readMaps(sent: Disparity): Maps | string {
-  if (sent.compression > Compression.NONE) {
-    return "This camera asks for compressed maps, which the page can't read: set its compression to none.";
-  }
-  const { width, height, confidence, calibration } = sent;
-  const disparity = readDisparity(sent);
-  if (typeof disparity === "string") {
-    return disparity;
+/** Reads 16-bit maps, which is what the page asks for. */
+export function readMaps({ width, height, step, data, confidence, calibration }: Disparity): Maps {
+  const disparity = new Uint16Array(width * height);
+  const view = new DataView(data.buffer, data.byteOffset, data.byteLength);
+  for (let y = 0, i = 0; y < height; y++) {
+    for (let x = 0, at = y * step; x < width; x++, at += 2) {
+      disparity[i++] = view.getUint16(at, true);
+    }
   }
   return { width, height, disparity, confidence, calibration };
-}
-
-function readDisparity({ width, height, encoding, step, data }: Disparity): Uint16Array | string {
-  const map = new Uint16Array(width * height);
-  const view = new DataView(data.buffer, data.byteOffset, data.byteLength);
-  if (encoding === DisparityEncoding.U16) {
-    for (let y = 0, i = 0; y < height; y++) {
-      for (let x = 0, at = y * step; x < width; x++, at += 2) {
-        map[i++] = view.getUint16(at, true);
-      }
-    }
-    return map;
-  }
-  if (encoding === DisparityEncoding.F32) {
-    for (let y = 0, i = 0; y < height; y++) {
-      for (let x = 0, at = y * step; x < width; x++, at += 4) {
-        // Not a number becomes 0: none.
-        map[i++] = Math.min(Math.round(view.getFloat32(at, true) * FIXED_PER_PX) || 0, 0xffff);
-      }
-    }
-    return map;
-  }
-  return "This camera asks for disparities as PNG files, which browsers cut to 8 bits: set its disparity_encoding to u16.";
 }
 
 /** The scale of a map: from its 2nd to its 98th percentile. */

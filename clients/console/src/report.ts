@@ -74,7 +74,7 @@ export function showReport(element: HTMLElement, report: ExecutionReport, roundT
   const list = make(
     "dl",
     { class: "facts" },
-    ...facts.map(([term, fact]) => make("div", {}, make("dt", {}, term), make("dd", {}, fact))),
+    ...facts.map(([term, fact]) => make("div", {}, make("dt", {}, term), make("dd", fact === "missed" ? { class: "bad" } : {}, fact))),
   );
   element.replaceChildren(bar, scale, key, list);
 }

@@ -17,7 +17,6 @@ import {
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 import { type Palette, place } from "./color.ts";
 import type { Calibration } from "./gen/stereo/v1/calibration_pb.ts";
-import { Compression } from "./gen/stereo/v1/options_pb.ts";
 import { type Mesh as SentMesh, MeshSpace } from "./gen/stereo/v1/mesh_pb.ts";
 import type { Range } from "./maps.ts";
 
@@ -65,9 +64,6 @@ export class MeshView {
 
   /** Shows a mesh as it was sent. `left` is its texture, if there is one. Returns what there is to say about it. */
   show(sent: SentMesh, setting: Setting, left: HTMLCanvasElement | undefined): string {
-    if (sent.compression > Compression.NONE) {
-      return "";
-    }
     const positions = place3d(floats(sent.positions), sent.space, setting);
     const disparities = floats(sent.disparities);
     const colors = new Float32Array(3 * disparities.length);

@@ -12,7 +12,8 @@ import { Views } from "./views.ts";
 
 type Side = "left" | "right";
 const SIDES: Side[] = ["left", "right"];
-const FIRST_BUDGET_MS = 50;
+/** The server's own default. */
+const FIRST_BUDGET_MS = 100;
 
 /** The page. */
 export class TryPage {

@@ -71,14 +71,11 @@ export class Views {
 
   /** Shows a result; its left image has been shown before, if there is one. */
   show(result: StereoResult): void {
-    const maps = result.disparity ? readMaps(result.disparity) : "This camera's results have no disparity.";
-    if (typeof maps === "string") {
-      this.#empty("disparity", maps);
-      this.#empty("confidence", "");
-      return;
+    if (result.disparity) {
+      const maps = readMaps(result.disparity);
+      this.#shown = { maps, range: rangeOf(maps.disparity), result };
+      this.#paint();
     }
-    this.#shown = { maps, range: rangeOf(maps.disparity), result };
-    this.#paint();
   }
 
   #paint(): void {
@@ -92,17 +89,13 @@ export class Views {
     disparityLegend(this.#legend("disparity"), palette, range, maps.calibration);
     const share = percent(result.report?.density ?? 0);
     this.#canvases.disparity.setAttribute("aria-label", `Disparity of ${share} of the pixels asked for`);
-    if (maps.confidence.length === maps.disparity.length) {
-      paintConfidence(this.#canvases.confidence, maps, CONFIDENCE_PALETTE);
-      this.#fill("confidence");
-      confidenceLegend(this.#legend("confidence"), CONFIDENCE_PALETTE);
-    } else {
-      this.#empty("confidence", "This result has no confidence.");
-    }
+    paintConfidence(this.#canvases.confidence, maps, CONFIDENCE_PALETTE);
+    this.#fill("confidence");
+    confidenceLegend(this.#legend("confidence"), CONFIDENCE_PALETTE);
     const mesh = result.mesh;
     if (!mesh || mesh.indices.length === 0) {
       this.#mesh?.clear();
-      this.#empty("mesh", mesh ? "No triangle was kept." : "This result has no mesh.");
+      this.#empty("mesh", mesh ? "No triangle was kept." : "This frame has no mesh.");
       return;
     }
     try {
@@ -155,9 +148,7 @@ export class Views {
       if (maps.calibration) {
         facts.push(`${depthM(px, maps.calibration).toFixed(2)} m`);
       }
-      if (maps.confidence.length > 0) {
-        facts.push(`confidence ${percent((maps.confidence[y * maps.width + x] ?? 0) / 254)}`);
-      }
+      facts.push(`confidence ${percent((maps.confidence[y * maps.width + x] ?? 0) / 254)}`);
     }
     this.#probe.replaceChildren(...facts.map((fact) => make("span", {}, fact)));
     this.#probe.hidden = false;

@@ -17,11 +17,11 @@ export class Stereod {
   ) {}
 
   /** Starts one on `address` and waits until it listens. */
-  static async start(address = "127.0.0.1:0"): Promise<Stereod> {
+  static async start(address = "127.0.0.1:0", args: string[] = []): Promise<Stereod> {
     if (!existsSync(binary)) {
       throw new Error(`there is no ${binary}: build it with \`cargo build --release -p stereod\``);
     }
-    const child = spawn(binary, ["serve", "--http", address, "--log", "error"], { stdio: ["ignore", "pipe", "inherit"] });
+    const child = spawn(binary, ["serve", "--http", address, "--log", "error", ...args], { stdio: ["ignore", "pipe", "inherit"] });
     for await (const line of createInterface({ input: child.stdout })) {
       const url = /listening on (http\S+)/.exec(line)?.[1];
       if (url) {
@@ -29,6 +29,17 @@ export class Stereod {
       }
     }
     throw new Error(`stereod ended before it listened: ${child.exitCode}`);
+  }
+
+  /** Where its cameras send their frames. */
+  async zenohEndpoint(): Promise<string> {
+    for (;;) {
+      const { zenoh } = await (await fetch(`${this.url}/readyz`)).json();
+      if (zenoh?.locators?.[0]) {
+        return zenoh.locators[0];
+      }
+      await new Promise((resolve) => setTimeout(resolve, 50));
+    }
   }
 
   /** Where it listens, to be started there again. */

@@ -879,6 +879,16 @@ pub struct Pairing {
     #[prost(message, optional, tag = "3")]
     pub patience: ::core::option::Option<::prost_types::Duration>,
 }
+/// One frame of a camera for those who watch it, all of one moment.
+#[derive(Clone, PartialEq, ::prost::Message)]
+pub struct StreamView {
+    /// Disparity (DISPARITY_ENCODING_U16), confidence, mesh if there is one, and report, not compressed, whatever the camera asked for.
+    #[prost(message, optional, tag = "1")]
+    pub result: ::core::option::Option<StereoResult>,
+    /// The left image: the file as it came, or pixels without padding, mono8 or rgb8.
+    #[prost(message, optional, tag = "2")]
+    pub left: ::core::option::Option<Image>,
+}
 /// What a server tells about itself a few times a second, so that clients can choose.
 #[derive(Clone, PartialEq, ::prost::Message)]
 pub struct ServerLoad {

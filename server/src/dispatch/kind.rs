@@ -52,7 +52,7 @@ pub(crate) enum Kind {
     /// All bodies.
     Encode {
         /// Formats, one bit each.
-        formats: u8,
+        formats: u16,
         /// Parts, encoding and compression of a protobuf result.
         result: u16,
         /// Size class of the images.
@@ -278,6 +278,7 @@ pub(crate) fn encode_kind(formats: &[ReplyFormat], options: &FrameOptions, size:
         ReplyFormat::Ply => 32,
         ReplyFormat::DisparityPart => 64,
         ReplyFormat::MeshPart => 128,
+        ReplyFormat::StreamView => 256,
         // Costs next to nothing.
         ReplyFormat::ReportPart => 0,
     };
@@ -328,10 +329,11 @@ fn result_code(options: &FrameOptions) -> u16 {
 /// Whether any body of the reply has the mesh in it.
 fn wants_mesh(request: &FrameRequest) -> bool {
     let in_result = request.options.outputs.mesh;
-    request
-        .formats
-        .iter()
-        .any(|&format| format.needs_mesh() || (format == ReplyFormat::Protobuf && in_result))
+    request.formats.iter().any(|&format| match format {
+        ReplyFormat::Protobuf => in_result,
+        ReplyFormat::StreamView => true,
+        _ => format.needs_mesh(),
+    })
 }
 
 /// Whether the client allows it and the halved images are not too small.

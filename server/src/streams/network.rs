@@ -13,6 +13,9 @@ pub(crate) struct Network {
     /// Where this server can be reached.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub(crate) locators: Vec<String>,
+    /// The live servers of the fleet, this one included.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub(crate) servers: Vec<String>,
     /// Others it is connected to: routers, peers and clients.
     pub(crate) connections: usize,
     /// Whether it was told to connect to somebody.

@@ -22,26 +22,7 @@ use crate::status::ServiceError;
 /// [`ServiceError::Internal`] if the mesh was wanted but not made or the PNG encoder fails; if colours were wanted, what
 /// [`decode::color`] refuses.
 pub fn result_body(frame: &MatchedFrame<'_>, finish: &dyn Fn() -> Report) -> Result<Vec<u8>, ServiceError> {
-    let mut parts = FrameParts::new(frame)?;
-    parts.compress(frame.request.options.compression)?;
-    let FrameParts {
-        disparity,
-        depth,
-        mesh,
-        points,
-    } = parts;
-    let ids = &frame.request.ids;
-    let result = v1::StereoResult {
-        request_id: ids.request_id.clone(),
-        camera_id: ids.camera_id.clone(),
-        sequence: ids.sequence,
-        capture_time: ids.capture_time.map(Into::into),
-        disparity,
-        depth,
-        mesh,
-        points,
-        report: None,
-    };
+    let result = without_report(frame)?;
     // Room for everything at once: the report is small beside the maps.
     let mut body = Vec::with_capacity(result.encoded_len() + 512);
     let written = |why| ServiceError::Internal(format!("writing a result: {why}"));
@@ -53,6 +34,33 @@ pub fn result_body(frame: &MatchedFrame<'_>, finish: &dyn Fn() -> Report) -> Res
     };
     rest.encode(&mut body).map_err(written)?;
     Ok(body)
+}
+
+/// The parts of `frame` that were wanted, but for the report.
+///
+/// # Errors
+/// As [`result_body`].
+pub(super) fn without_report(frame: &MatchedFrame<'_>) -> Result<v1::StereoResult, ServiceError> {
+    let mut parts = FrameParts::new(frame)?;
+    parts.compress(frame.request.options.compression)?;
+    let FrameParts {
+        disparity,
+        depth,
+        mesh,
+        points,
+    } = parts;
+    let ids = &frame.request.ids;
+    Ok(v1::StereoResult {
+        request_id: ids.request_id.clone(),
+        camera_id: ids.camera_id.clone(),
+        sequence: ids.sequence,
+        capture_time: ids.capture_time.map(Into::into),
+        disparity,
+        depth,
+        mesh,
+        points,
+        report: None,
+    })
 }
 
 /// The disparity alone, as the bytes of a `Disparity`.

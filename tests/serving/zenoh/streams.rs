@@ -1,7 +1,9 @@
 //! Camera streams over HTTP.
 
 use futures_util::StreamExt;
+use prost::Message;
 use serde_json::Value;
+use stereo_proto::v1::StreamView;
 
 use super::network::{Camera, Network, numbered};
 use crate::conversation::png16;
@@ -40,6 +42,12 @@ async fn the_latest_result_comes_in_the_accepted_format() {
     assert!(png16(&disparity.body) == expected.png16());
     let color = while_streaming(&camera, &mut sequence, latest("?view=color")).await;
     assert_eq!((color.status, color.content_type.as_str()), (200, "image/png"));
+    let seen = while_streaming(&camera, &mut sequence, latest("?view=frame")).await;
+    let seen = StreamView::decode(&*seen.body).unwrap();
+    let (seen, left) = (seen.result.unwrap(), seen.left.unwrap());
+    assert_eq!(seen.disparity, result.disparity);
+    assert!(seen.mesh.is_some_and(|mesh| !mesh.indices.is_empty()) && seen.report.is_some());
+    assert_eq!(Some(left.data), numbered(0).left.map(|sent| sent.data));
     latest("?view=smell").await.assert_refused(400, &["smell"]);
     // The camera has stopped.
     let is_idle =
@@ -54,6 +62,7 @@ async fn streams_are_listed_and_a_camera_that_is_not_there_is_said_so() {
     let none = network.server.get("/v1/streams").await.json();
     assert_eq!(none["streams"].as_array().map(Vec::len), Some(0));
     assert_eq!(none["zenoh"]["state"], "open");
+    assert_eq!(none["zenoh"]["servers"].as_array().map(Vec::len), Some(1));
     for path in [
         "/v1/streams/front",
         "/v1/streams/front/latest",

@@ -70,6 +70,20 @@ pub(super) fn reply(headers: &HeaderMap, view: Option<&str>) -> Result<Reply, Se
         })
 }
 
+/// A stream's frame with everything there is to see of it, if the `Accept` headers allow for it.
+pub(super) fn whole_frame(headers: &HeaderMap) -> Result<Reply, ServiceError> {
+    if preference(&ranges(headers)?, PROTOBUF).is_none() {
+        return Err(ServiceError::NotAcceptable {
+            expected: "application/x-protobuf, which ?view=frame asks for",
+            got: joined(headers, &ACCEPT),
+        });
+    }
+    Ok(Reply {
+        format: ReplyFormat::StreamView,
+        media_type: PROTOBUF,
+    })
+}
+
 /// The form of refusals: what `Accept` names; if it names neither, the form the request was in.
 pub(super) fn refusal_form(headers: &HeaderMap) -> RefusalForm {
     let ranges = ranges(headers).unwrap_or_default();

@@ -18,6 +18,8 @@ use super::{Http, negotiate};
 use crate::status::ServiceError;
 use crate::streams::{Event, Stream, event_json, stream_json, streams_json};
 
+/// The view that has everything in it, a `StreamView`.
+const WHOLE_FRAME: &str = "frame";
 /// How long the next result of a stream is waited for.
 const NEXT_RESULT_WITHIN: Duration = Duration::from_secs(2);
 /// Time between two signs of life while nothing happens.
@@ -36,7 +38,7 @@ pub(super) async fn one(
     Ok(json(StatusCode::OK, &stream_json(&*find(&http, &camera)?)))
 }
 
-/// `GET /v1/streams/{camera}/latest`: the next result, in the accepted format.
+/// `GET /v1/streams/{camera}/latest`: the next result, in the accepted format; with `?view=frame`, everything there is to see of it.
 pub(super) async fn latest(
     State(http): State<Arc<Http>>,
     Path(camera): Path<String>,
@@ -44,7 +46,10 @@ pub(super) async fn latest(
     headers: HeaderMap,
 ) -> Result<Response, Refusal> {
     let stream = find(&http, &camera)?;
-    let reply = negotiate::reply(&headers, view(uri.query().unwrap_or_default())?.as_deref())?;
+    let reply = match view(uri.query().unwrap_or_default())?.as_deref() {
+        Some(WHOLE_FRAME) => negotiate::whole_frame(&headers)?,
+        view => negotiate::reply(&headers, view)?,
+    };
     let Some(_watch) = stream.watch(reply.format) else {
         let got = reply.media_type.to_owned();
         let expected = "application/x-protobuf, application/json, image/png or model/gltf-binary";

@@ -297,6 +297,11 @@ async fn run(
         let own_cameras: BTreeSet<String> = {
             let state = roster.lock();
             let servers = state.live(&context.instance, Instant::now());
+            context.streams.set_network(|network| {
+                if !network.servers.iter().eq(&servers) {
+                    network.servers = servers.iter().map(|&name| name.to_owned()).collect();
+                }
+            });
             let is_own = |camera: &&String| owner(camera, &servers) == Some(&context.instance);
             state
                 .cameras
