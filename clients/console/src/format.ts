@@ -2,6 +2,9 @@
 
 /** `4.2 ms`, `87 ms`. */
 export function ms(value: number): string {
+  if (value === 0) {
+    return "0 ms";
+  }
   return `${value < 9.95 ? value.toFixed(1) : value.toFixed(0)} ms`;
 }
 

@@ -19,7 +19,7 @@ import { type Streams, whyNone } from "../src/streams.ts";
 
 describe("numbers", () => {
   test("are short and have their unit", () => {
-    expect([ms(4.24), ms(9.96), ms(123.4)]).toEqual(["4.2 ms", "10 ms", "123 ms"]);
+    expect([ms(0), ms(4.24), ms(9.96), ms(123.4)]).toEqual(["0 ms", "4.2 ms", "10 ms", "123 ms"]);
     expect([short(0), short(0.01234), short(3.14159), short(31.4159), short(314.159)]).toEqual(["0", "0.0123", "3.14", "31.4", "314"]);
     expect([grouped(1234567), count(1, "worker"), count(2, "worker")]).toEqual(["1\u00a0234\u00a0567", "1 worker", "2 workers"]);
   });
