@@ -92,6 +92,7 @@ fn descriptor_set_holds_every_message_of_the_package() -> Result<(), prost::Deco
         "CameraSettings",
         "ImageStamp",
         "ServerLoad",
+        "StreamView",
     ] {
         assert!(messages.contains(&name), "{name} is missing from {messages:?}");
     }

@@ -115,3 +115,20 @@ fn refusals_come_in_the_form_that_was_asked_for_else_in_the_requests_own() {
     assert_eq!(form("image/png", PROTOBUF), RefusalForm::Status);
     assert_eq!(form("not a media type", multipart), RefusalForm::Problem);
 }
+
+#[test]
+fn a_whole_frame_is_protobuf_or_nothing() {
+    for accept in [
+        "",
+        "*/*",
+        "application/x-protobuf;q=0.9, application/problem+json",
+    ] {
+        let reply = whole_frame(&headers(accept, "")).unwrap();
+        assert_eq!(
+            (reply.format, reply.media_type),
+            (ReplyFormat::StreamView, PROTOBUF)
+        );
+    }
+    let refused = whole_frame(&headers("image/png", ""));
+    assert!(matches!(refused, Err(ServiceError::NotAcceptable { .. })));
+}
