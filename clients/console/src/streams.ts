@@ -2,6 +2,9 @@
 
 import { json, sentence } from "./api.ts";
 
+/** How long to wait before asking again for the events of a camera that isn't known, in ms. */
+const AGAIN_MS = 1000;
+
 /** A camera's stream. */
 export interface Stream {
   camera: string;
@@ -60,13 +63,28 @@ export type FrameEvent =
 
 /** Calls `told` for every frame of a camera until the returned function is called; reconnects by itself. */
 export function follow(camera: string, told: (event: FrameEvent) => void): () => void {
-  const source = new EventSource(`v1/streams/${encodeURIComponent(camera)}/events`);
-  source.addEventListener("result", (event) => told({ kind: "result", report: JSON.parse(event.data).report }));
-  source.addEventListener("dropped", (event) => {
-    const { reason, detail } = JSON.parse(event.data);
-    told({ kind: "dropped", reason, detail });
-  });
-  return () => source.close();
+  let source: EventSource;
+  let again: ReturnType<typeof setTimeout> | undefined;
+  const open = () => {
+    source = new EventSource(`v1/streams/${encodeURIComponent(camera)}/events`);
+    source.addEventListener("result", (event) => told({ kind: "result", report: JSON.parse(event.data).report }));
+    source.addEventListener("dropped", (event) => {
+      const { reason, detail } = JSON.parse(event.data);
+      told({ kind: "dropped", reason, detail });
+    });
+    source.addEventListener("error", () => {
+      // A lost connection comes back by itself. A server that has just started doesn't know the camera yet, and an answer of that kind
+      // is the end for the browser.
+      if (source.readyState === EventSource.CLOSED) {
+        again = setTimeout(open, AGAIN_MS);
+      }
+    });
+  };
+  open();
+  return () => {
+    clearTimeout(again);
+    source.close();
+  };
 }
 
 /** Why there are no streams to see; empty if there is no reason. */
