@@ -1,5 +1,6 @@
 //! The real binary over real Zenoh sessions, through a router of the test's own.
 
+mod clients;
 mod errors;
 mod fleet;
 mod frames;

@@ -10,7 +10,9 @@ use thiserror::Error;
 #[derive(Debug, Error)]
 pub enum ClientError {
     /// The address can't be used.
-    #[error("`{url}` is no address of a server ({why}): give one such as http://127.0.0.1:8080")]
+    #[error(
+        "`{url}` is no address of a server ({why}): give one such as http://127.0.0.1:8080, or tcp/127.0.0.1:7447 over Zenoh"
+    )]
     BadUrl {
         /// What was given.
         url: String,
@@ -47,6 +49,19 @@ pub enum ClientError {
     /// A message or payload that can't be read.
     #[error("the answer can't be read ({0}): use a client of the server's version")]
     Malformed(String),
+    /// The Zenoh session can't be used.
+    #[error("the Zenoh session can't be used ({0}): open another one")]
+    Network(String),
+    /// No server answered in time.
+    #[error(
+        "no server answered within {waited:?} ({why}): start one, or give more time; GET /readyz of a server says whom it reaches"
+    )]
+    Unavailable {
+        /// For how long.
+        waited: Duration,
+        /// The last thing that happened.
+        why: String,
+    },
     /// The server did not become ready.
     #[error("{url} was not ready after {waited:?} ({why}): wait longer or look into the server's log")]
     NotReady {

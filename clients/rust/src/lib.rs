@@ -1,4 +1,5 @@
-//! Client of stereod over HTTP: a stereo pair and a latency budget in, disparity and mesh out.
+//! Client of stereod: a stereo pair and a latency budget in, disparity and mesh out. [`Client`] talks to one server over HTTP, [`Fleet`]
+//! to all servers that a Zenoh session reaches.
 //!
 //! ```no_run
 //! use stereo_client::v1::{Image, ImageEncoding, StereoRequest};
@@ -15,12 +16,30 @@
 //! # Ok(())
 //! # }
 //! ```
+//!
+//! The same over Zenoh, at whichever server has room, and a camera with its results:
+//!
+//! ```no_run
+//! # use stereo_client::v1::StereoRequest;
+//! # async fn example(pair: StereoRequest) -> Result<(), stereo_client::ClientError> {
+//! let fleet = stereo_client::Fleet::connect(&["tcp/127.0.0.1:7447"]).await?;
+//! let result = fleet.match_pair(&pair).await?;
+//!
+//! let camera = fleet.camera("front").await?;
+//! let results = fleet.results("front").await?;
+//! camera.send(&StereoRequest { sequence: Some(1), ..pair }).await?;
+//! let newest = results.next().await?;
+//! # Ok(())
+//! # }
+//! ```
 #![forbid(unsafe_code)]
 
 mod batch;
 mod client;
 mod compression;
 mod error;
+#[cfg(feature = "zenoh")]
+mod fleet;
 mod info;
 mod payload;
 mod reply;
@@ -28,6 +47,8 @@ mod reply;
 pub use batch::BatchReplies;
 pub use client::{Client, PairFiles};
 pub use error::ClientError;
+#[cfg(feature = "zenoh")]
+pub use fleet::{Camera, Fleet, Results};
 pub use info::{Info, Limits, PresetInfo};
 pub use payload::{depth_m, disparity_px};
 pub use reply::{Accept, Reply, StageTimes};

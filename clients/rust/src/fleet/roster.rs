@@ -1,0 +1,196 @@
+//! Which servers there are, and how busy each one is.
+
+use std::collections::HashMap;
+use std::hash::{BuildHasher, RandomState};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+use prost::Message;
+use stereo_proto::v1::ServerLoad;
+use zenoh::Session;
+use zenoh::pubsub::Subscriber;
+use zenoh::sample::{Sample, SampleKind};
+
+use crate::ClientError;
+
+/// A server that has not told its load for so long is frozen or cut off.
+const SILENCE: Duration = Duration::from_millis(1000);
+
+/// All servers, as they announce themselves.
+#[derive(Debug, Default)]
+pub(super) struct Roster(Mutex<HashMap<String, Server>>);
+
+#[derive(Debug, Clone)]
+struct Server {
+    heard_at: Instant,
+    load: ServerLoad,
+}
+
+impl Roster {
+    /// Follows who comes and goes.
+    pub(super) async fn follow(session: &Session) -> Result<(Arc<Self>, [Subscriber<()>; 2]), ClientError> {
+        let failed = |why: zenoh::Error| ClientError::Network(why.to_string());
+        let roster = Arc::new(Self::default());
+        let (loads, servers) = (Arc::clone(&roster), Arc::clone(&roster));
+        let loads = session
+            .declare_subscriber("stereo/v1/load/*")
+            .callback(move |sample| loads.told(&sample))
+            .await
+            .map_err(failed)?;
+        let alive = session
+            .liveliness()
+            .declare_subscriber("stereo/v1/alive/*")
+            .history(true)
+            .callback(move |sample| servers.changed(&sample))
+            .await
+            .map_err(failed)?;
+        Ok((roster, [loads, alive]))
+    }
+
+    fn lock(&self) -> MutexGuard<'_, HashMap<String, Server>> {
+        // Nothing that is called while it is held panics.
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn told(&self, sample: &Sample) {
+        let Ok(load) = ServerLoad::decode(&*sample.payload().to_bytes()) else {
+            return;
+        };
+        if let (Some(name), Some(server)) = (name(sample), self.lock().get_mut(&load.instance))
+            && name == load.instance
+        {
+            *server = Server {
+                heard_at: Instant::now(),
+                load,
+            };
+        }
+    }
+
+    fn changed(&self, sample: &Sample) {
+        let Some(name) = name(sample) else { return };
+        match sample.kind() {
+            SampleKind::Put => {
+                let load = ServerLoad {
+                    instance: name.to_owned(),
+                    ..ServerLoad::default()
+                };
+                let heard_at = Instant::now();
+                self.lock().insert(name.to_owned(), Server { heard_at, load });
+            }
+            SampleKind::Delete => drop(self.lock().remove(name)),
+        }
+    }
+
+    pub(super) fn servers(&self) -> Vec<ServerLoad> {
+        let mut servers: Vec<ServerLoad> = self.lock().values().map(|server| server.load.clone()).collect();
+        servers.sort_by(|a, b| a.instance.cmp(&b.instance));
+        servers
+    }
+
+    /// Whether there is a server that has not been tried.
+    pub(super) fn has_other(&self, tried: &[String]) -> bool {
+        !self.candidates(tried).is_empty()
+    }
+
+    /// The better of two random servers that have not been tried, for a request that has `left` to live.
+    pub(super) fn choose(&self, tried: &[String], left: Duration) -> Option<String> {
+        let mut candidates = self.candidates(tried);
+        let first = pick(&mut candidates)?;
+        let second = pick(&mut candidates);
+        let better = match second {
+            Some(second) if cost(&second, left) < cost(&first, left) => second,
+            _ => first,
+        };
+        Some(better.instance)
+    }
+
+    fn candidates(&self, tried: &[String]) -> Vec<ServerLoad> {
+        let is_there = |server: &&Server| {
+            server.heard_at.elapsed() < SILENCE
+                && !server.load.draining
+                && !tried.contains(&server.load.instance)
+        };
+        let servers = self.lock();
+        servers
+            .values()
+            .filter(is_there)
+            .map(|server| server.load.clone())
+            .collect()
+    }
+}
+
+/// Servers that can't be in time come last; of the others the one with least to do.
+fn cost(load: &ServerLoad, left: Duration) -> (bool, Duration, u32) {
+    let backlog = load.backlog.and_then(|backlog| backlog.try_into().ok());
+    let backlog: Duration = backlog.unwrap_or_default();
+    (backlog >= left, backlog, load.waiting + load.busy_workers)
+}
+
+fn pick(candidates: &mut Vec<ServerLoad>) -> Option<ServerLoad> {
+    let count = candidates.len() as u64;
+    let random = RandomState::new().hash_one(count);
+    let index = usize::try_from(random.checked_rem(count)?).ok()?;
+    Some(candidates.swap_remove(index))
+}
+
+fn name(sample: &Sample) -> Option<&str> {
+    sample.key_expr().as_str().rsplit('/').next()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn server(instance: &str, backlog_ms: u64, draining: bool) -> (String, Server) {
+        let load = ServerLoad {
+            instance: instance.to_owned(),
+            backlog: Duration::from_millis(backlog_ms).try_into().ok(),
+            draining,
+            ..ServerLoad::default()
+        };
+        let heard_at = Instant::now();
+        (instance.to_owned(), Server { heard_at, load })
+    }
+
+    fn roster(servers: impl IntoIterator<Item = (String, Server)>) -> Roster {
+        Roster(Mutex::new(servers.into_iter().collect()))
+    }
+
+    const LEFT: Duration = Duration::from_millis(100);
+
+    #[test]
+    fn of_two_servers_the_one_with_less_to_do_is_chosen() {
+        let roster = roster([server("busy", 50, false), server("free", 0, false)]);
+        for _ in 0..100 {
+            assert_eq!(roster.choose(&[], LEFT).as_deref(), Some("free"));
+        }
+        assert_eq!(roster.choose(&["free".to_owned()], LEFT).as_deref(), Some("busy"));
+        assert_eq!(roster.choose(&["free".to_owned(), "busy".to_owned()], LEFT), None);
+    }
+
+    #[test]
+    fn of_many_servers_the_busiest_is_never_chosen_and_the_others_share() {
+        let roster = roster((0..4).map(|i| server(&i.to_string(), 10 * i, false)));
+        let mut chosen = HashMap::new();
+        for _ in 0..1000 {
+            *chosen
+                .entry(roster.choose(&[], LEFT).unwrap_or_default())
+                .or_insert(0) += 1;
+        }
+        assert!(!chosen.contains_key("3"), "{chosen:?}");
+        assert!(
+            chosen["0"] > chosen["1"] && chosen["1"] > chosen["2"],
+            "{chosen:?}"
+        );
+    }
+
+    #[test]
+    fn servers_that_stop_or_are_silent_are_not_chosen() {
+        let (name, mut silent) = server("silent", 0, false);
+        silent.heard_at = Instant::now()
+            .checked_sub(SILENCE)
+            .expect("the machine has run for a second");
+        let roster = roster([server("stopping", 0, true), (name, silent)]);
+        assert_eq!(roster.choose(&[], LEFT), None);
+    }
+}
