@@ -62,7 +62,7 @@ fmt: target/venv-python/ready
 # Every figure of the README and of tests/eval/FIGURES.md, measured anew.
 figures: target/venv/ready
 	cargo build --release --package stereo-tests --bin eval
-	for command in accuracy sizes rooms levels kernels threads confidence anytime shared-pixels robustness meshes; do \
+	for command in accuracy sizes rooms levels kernels threads confidence foveation anytime shared-pixels robustness meshes; do \
 		target/release/eval $$command --data $(DATA) --write || exit 1; \
 	done
 

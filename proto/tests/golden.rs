@@ -8,9 +8,9 @@ use bytes::Bytes;
 use prost::Message;
 use prost_types::{Duration, Timestamp};
 use stereo_proto::v1::{
-    BatchReply, Calibration, Compression, Density, Depth, Disparity, DisparityEncoding, ExecutionReport,
-    Image, ImageEncoding, Mesh, MeshOptions, MeshSpace, Options, Output, PointCloud, Preset, PriorityClass,
-    Reason, Region, Status, StereoRequest, StereoResult, batch_reply::Outcome,
+    self, BatchReply, Calibration, Compression, Density, Depth, Disparity, DisparityEncoding,
+    ExecutionReport, Image, ImageEncoding, Mesh, MeshOptions, MeshSpace, Options, Output, PointCloud, Preset,
+    PriorityClass, Reason, Region, Status, StereoRequest, StereoResult, batch_reply::Outcome,
 };
 
 const TAKEN: Timestamp = Timestamp {
@@ -111,6 +111,7 @@ fn request() -> StereoRequest {
             }),
             colors: Some(true),
             mesh_is_optional: None,
+            focus: Vec::new(),
         }),
     }
 }
@@ -250,4 +251,20 @@ fn pixels_are_a_slice_of_the_body_they_came_in() -> Result<(), Box<dyn Error>> {
         "the pixels were copied"
     );
     Ok(())
+}
+
+#[test]
+fn regions_to_focus_on_are_still_understood() -> Result<(), Box<dyn Error>> {
+    let focus = |weight| v1::Focus {
+        region: Some(WINDOW),
+        weight,
+    };
+    let request = StereoRequest {
+        options: Some(Options {
+            focus: vec![focus(Some(2.5)), focus(None)],
+            ..Options::default()
+        }),
+        ..StereoRequest::default()
+    };
+    check("stereo_request_focus", &request)
 }

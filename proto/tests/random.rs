@@ -63,6 +63,7 @@ fn options() -> impl Strategy<Value = Options> {
             }),
             colors: rest.2,
             mesh_is_optional: None,
+            focus: Vec::new(),
         },
     )
 }

@@ -9,7 +9,7 @@ use std::time::Instant;
 
 use bytes::Bytes;
 use indicatif::{ProgressBar, ProgressStyle};
-use stereo::{Shape, rung_names};
+use stereo::Shape;
 use stereo_proto::v1::StereoRequest;
 use thiserror::Error;
 
@@ -92,7 +92,7 @@ pub async fn run(args: &MatchArgs) -> Result<(), OfflineError> {
     service.primed().await;
     let frame = request(args)?;
     let asked = frame.options.max_iterations;
-    let names = rung_names(frame.options.params.preset);
+    let names = frame.options.params.rung_names();
     let bar = progress_bar(asked.map_or(names.len(), |asked| names.len().min(asked.into())));
     let outcome = service
         .submit_watched(frame, Some(advance(bar.clone(), names)))

@@ -9,6 +9,7 @@ mod anytime;
 mod chart;
 mod confidence;
 mod contest;
+mod foveation;
 mod frame;
 mod kernels;
 mod levels;
@@ -54,6 +55,8 @@ enum Command {
     Anytime(Source),
     /// What `min_confidence` gives and takes.
     Confidence(Source),
+    /// Time until a region is done, against its area.
+    Foveation(Source),
     /// The mesh that is sent, drawn again from its vertices, against ground truth.
     Meshes(Source),
     /// Our dense result at exactly the pixels that OpenCV returns.
@@ -73,6 +76,7 @@ fn main() -> Result<()> {
         Command::Robustness(source) => robustness::run(&source),
         Command::Anytime(source) => anytime::run(&source),
         Command::Confidence(source) => confidence::run(&source),
+        Command::Foveation(source) => foveation::run(&source),
         Command::Meshes(source) => meshes::run(&source),
         Command::SharedPixels(source) => shared_pixels::run(&source),
     }

@@ -140,6 +140,9 @@ async fn a_region_outside_the_image_is_refused() {
             reply.text()
         );
         reply.assert_refused(reply.status, &["roi"]);
+        let reply = server.post_pair("image/png", json!({ "focus": [roi] })).await;
+        reply.assert_refused(reply.status, &["focus"]);
+        assert!([400, 422].contains(&reply.status), "{}", reply.status);
     }
     server.assert_serves(&good).await;
 }

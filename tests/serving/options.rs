@@ -106,6 +106,37 @@ async fn a_region_of_interest_keeps_the_full_size_and_is_empty_outside() {
 }
 
 #[tokio::test]
+async fn a_ladder_cut_after_its_focus_is_ahead_there_and_the_whole_one_ends_alike() {
+    let server = Server::start(&[]);
+    let region = json!({ "x": 160, "y": 60, "width": 200, "height": 180, "weight": 2 });
+    let map = async |options: serde_json::Value| {
+        let mut all = json!({ "density": "dense", "latency_budget_ms": 60_000 });
+        all.as_object_mut()
+            .unwrap()
+            .extend(options.as_object().unwrap().clone());
+        server.post_pair("image/png", all).await.png16()
+    };
+    let [base, whole] = [map(json!({ "max_iterations": 1 })).await, map(json!({})).await];
+    let alone = map(json!({ "roi": { "x": 160, "y": 60, "width": 200, "height": 180 } })).await;
+    let cut = map(json!({ "max_iterations": 2, "focus": [region] })).await;
+    let width = PAIR.rendered.left.width_px();
+    for (i, found) in cut.iter().enumerate() {
+        let inside = (160..360).contains(&(i % width)) && (60..240).contains(&(i / width));
+        assert_eq!(*found, if inside { alone[i] } else { base[i] }, "at {i}");
+    }
+    assert_eq!(map(json!({ "focus": [region] })).await, whole);
+    let options = json!({ "max_iterations": 2, "focus": [region], "latency_budget_ms": 60_000 });
+    let body = server.post_pair("application/json", options.clone()).await.json();
+    assert_eq!(body["report"]["rung"], "focus");
+    let options = json!({ "focus": [region], "latency_budget_ms": 60_000 });
+    let body = server.post_pair("application/json", options).await.json();
+    assert_eq!(
+        (&body["report"]["iterations_run"], &body["report"]["rung"]),
+        (&json!(4), &json!("full"))
+    );
+}
+
+#[tokio::test]
 async fn a_smaller_range_of_disparities_bounds_the_result() {
     let server = Server::start(&[]);
     let options = json!({ "min_disparity": 16, "num_disparities": 16 });

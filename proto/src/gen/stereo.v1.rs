@@ -181,6 +181,21 @@ pub struct Options {
     /// so. Absent = false.
     #[prost(bool, optional, tag = "16")]
     pub mesh_is_optional: ::core::option::Option<bool>,
+    /// Regions that matter more than the rest, 16 at most, with no more pixels together than the image. After the first rung,
+    /// each climbs the whole ladder before anything else is done: heavier ones first, those of equal weight together, as one
+    /// rung named `focus`. Then the whole image goes on climbing; at its last rung the result is the same as without them.
+    #[prost(message, repeated, tag = "17")]
+    pub focus: ::prost::alloc::vec::Vec<Focus>,
+}
+/// A region that matters more than the rest.
+#[derive(Clone, Copy, PartialEq, ::prost::Message)]
+pub struct Focus {
+    /// The region, inside the image and inside `roi`.
+    #[prost(message, optional, tag = "1")]
+    pub region: ::core::option::Option<Region>,
+    /// Heavier regions come first: 0.001 to 1000. Absent = 1.
+    #[prost(float, optional, tag = "2")]
+    pub weight: ::core::option::Option<f32>,
 }
 /// How fine a mesh is, and which triangles it keeps.
 #[derive(Clone, Copy, PartialEq, ::prost::Message)]

@@ -3,7 +3,7 @@
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::time::{Duration, Instant};
 
-use stereo::{Density, Preset, Roi, Shape, rung_names};
+use stereo::{Density, Params, Preset, Roi, Shape, rung_names};
 use stereo_scheduler::{ClientId, JobSpec, StreamId, Urgency, Work};
 
 use crate::job::{
@@ -33,6 +33,8 @@ pub(crate) enum Kind {
         disparity_steps: u16,
         /// How small the region of interest is, as powers of two of the image.
         roi: u32,
+        /// Regions that come first: rungs they take, and what part of the image they are.
+        focus: FocusClass,
         /// Size class of the matched images.
         size: u32,
         /// Whether others help with it, which makes it cheaper as long as they do.
@@ -86,6 +88,7 @@ impl stereo_scheduler::Kind for Kind {
                     is_dense,
                     disparity_steps,
                     roi,
+                    focus,
                     size,
                     is_split,
                 },
@@ -94,12 +97,14 @@ impl stereo_scheduler::Kind for Kind {
                     is_dense: other_dense,
                     disparity_steps: other_steps,
                     roi: other_roi,
+                    focus: other_focus,
                     size: other_size,
                     is_split: other_split,
                 },
             ) => Some(
                 apart(preset != other_preset, 1000)
                     + apart(is_split != other_split, 100)
+                    + focus.distance(other_focus)
                     + 10 * roi.abs_diff(other_roi)
                     + apart(is_dense != other_dense, 10)
                     + 2 * u32::from(disparity_steps.abs_diff(other_steps))
@@ -145,6 +150,34 @@ impl stereo_scheduler::Kind for Kind {
             ),
             _ => None,
         }
+    }
+}
+
+/// Regions that a frame is to be matched in first, as far as costs go.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+pub(crate) struct FocusClass {
+    /// Rungs they take.
+    rungs: u8,
+    /// How small they are together, as powers of two of the image; 0 = all of it, or none.
+    area: u8,
+}
+
+impl FocusClass {
+    /// Of `image_px` pixels.
+    fn of(params: &Params, rungs: u8, image_px: u32) -> Self {
+        let area: usize = params.focus.iter().map(|focus| focus.region.area_px()).sum();
+        let area = match u32::try_from(area).unwrap_or(u32::MAX) {
+            0 => 0,
+            area => (image_px / area).max(1).ilog2(),
+        };
+        Self {
+            rungs,
+            area: u8::try_from(area).unwrap_or(u8::MAX),
+        }
+    }
+
+    fn distance(self, other: Self) -> u32 {
+        50 * u32::from(self.rungs.abs_diff(other.rungs)) + 10 * u32::from(self.area.abs_diff(other.area))
     }
 }
 
@@ -208,7 +241,9 @@ pub(crate) fn work(request: &FrameRequest, is_half: bool) -> Work<Kind> {
     } else {
         params.range.count
     };
-    let ladder = u8::try_from(rung_names(params.preset).len()).unwrap_or(u8::MAX);
+    let rungs = |names: Vec<&str>| u8::try_from(names.len()).unwrap_or(u8::MAX);
+    let ladder = rungs(params.rung_names());
+    let focus_rungs = ladder - rungs(rung_names(params.preset));
     Work {
         units,
         decode: Kind::Decode {
@@ -221,6 +256,7 @@ pub(crate) fn work(request: &FrameRequest, is_half: bool) -> Work<Kind> {
             is_dense: params.density == Density::Dense,
             disparity_steps: disparities.div_ceil(16),
             roi,
+            focus: FocusClass::of(params, focus_rungs, image),
             size,
             is_split: false,
         },
@@ -240,7 +276,7 @@ pub(crate) fn least_work() -> Work<Kind> {
     let side = u32::try_from(Shape::MIN_SIDE_PX).unwrap_or(1);
     let units = side * side;
     let size = size_class(units);
-    let params = stereo::Params::default();
+    let params = Params::default();
     Work {
         units,
         decode: Kind::Decode {
@@ -253,6 +289,7 @@ pub(crate) fn least_work() -> Work<Kind> {
             is_dense: false,
             disparity_steps: params.range.count / 16,
             roi: 0,
+            focus: FocusClass::default(),
             size,
             is_split: false,
         },
@@ -405,6 +442,35 @@ mod tests {
             None,
             "its half is smaller than any image may be"
         );
+    }
+
+    #[test]
+    fn regions_to_focus_on_add_rungs_and_are_of_a_kind_of_their_own() {
+        use stereo_scheduler::Kind as _;
+        let mut request = dummy_request();
+        let plain = work(&request, false);
+        let mut focused = |weights: &[f32], width| {
+            let focus = |weight: &f32| stereo::Focus {
+                region: Roi {
+                    x: 0,
+                    y: 0,
+                    width,
+                    height: 100,
+                },
+                weight: *weight,
+            };
+            request.options.params.focus = weights.iter().map(focus).collect();
+            work(&request, false)
+        };
+        let (one, two, small) = (
+            focused(&[1.0, 1.0], 200),
+            focused(&[1.0, 2.0], 200),
+            focused(&[1.0], 20),
+        );
+        assert_eq!([plain, one, two].map(|work| work.rungs), [3, 4, 5]);
+        assert!(plain.matching != one.matching && one.matching != two.matching);
+        let apart = |other: Work<Kind>| one.matching.distance(&other.matching);
+        assert!(apart(small) < apart(plain), "rungs count more than their size");
     }
 
     #[test]

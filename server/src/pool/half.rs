@@ -1,7 +1,8 @@
 //! Matching at half resolution: each pixel of the small images is the mean of 2 x 2, each disparity found counts twice, for 2 x 2 pixels.
 
 use stereo::{
-    DisparityMap, DisparityRange, FIXED_PER_PX, GrayView, Mesh, MeshParams, Params, Roi, Shape, StereoPair,
+    DisparityMap, DisparityRange, FIXED_PER_PX, Focus, GrayView, Mesh, MeshParams, Params, Roi, Shape,
+    StereoPair,
 };
 
 use super::rig::unmatchable;
@@ -72,7 +73,7 @@ impl Half {
 pub(super) fn params(full: &Params, half: Shape) -> Params {
     let DisparityRange { min_px, count } = full.range;
     let end_px = (min_px + count).div_ceil(2);
-    let roi = full.roi.map(|roi| {
+    let halved = |roi: Roi| {
         let (x, y) = (
             (roi.x / 2).min(half.width_px() - 1),
             (roi.y / 2).min(half.height_px() - 1),
@@ -85,13 +86,21 @@ pub(super) fn params(full: &Params, half: Shape) -> Params {
             width: (right - x).max(1),
             height: (bottom - y).max(1),
         }
+    };
+    // What reaches over the border by half a pixel could be more than the image together.
+    let mut left_px = half.area_px();
+    let focus = full.focus.iter().filter_map(|focus| {
+        let region = halved(focus.region);
+        left_px = left_px.checked_sub(region.area_px())?;
+        Some(Focus { region, ..*focus })
     });
     Params {
         range: DisparityRange {
             min_px: min_px / 2,
             count: (end_px - min_px / 2).next_multiple_of(16),
         },
-        roi,
+        roi: full.roi.map(halved),
+        focus: focus.collect(),
         ..full.clone()
     }
 }
@@ -182,6 +191,33 @@ mod tests {
             })
         );
         small.validate(half).unwrap();
+    }
+
+    #[test]
+    fn half_the_regions_to_focus_on_fit_into_half_the_image() {
+        let half = Shape::new(320, 240).unwrap();
+        let focus = |x, y, width, height| Focus {
+            region: Roi { x, y, width, height },
+            weight: 3.0,
+        };
+        let whole_in_two = vec![focus(0, 0, 321, 480), focus(321, 0, 319, 480)];
+        let full = Params {
+            focus: whole_in_two,
+            ..Params::default()
+        };
+        full.validate(Shape::new(640, 480).unwrap()).unwrap();
+        let small = params(&full, half);
+        small.validate(half).unwrap();
+        assert_eq!(
+            small.focus,
+            [focus(0, 0, 161, 240)],
+            "the column between both is one too many"
+        );
+        let odd = Params {
+            focus: vec![focus(3, 5, 4, 2)],
+            ..Params::default()
+        };
+        assert_eq!(params(&odd, half).focus, [focus(1, 2, 3, 2)]);
     }
 
     #[test]

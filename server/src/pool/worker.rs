@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use bytes::Bytes;
-use stereo::{ForkJoin, Level, Preset, Serial, rung_names};
+use stereo::{ForkJoin, Level, Params, Serial};
 use stereo_scheduler::{Dispatch as Taken, Plan, StopReason, Ticket, Verdict};
 
 use super::Shared;
@@ -275,7 +275,7 @@ impl Desk<'_> {
             total: now.saturating_duration_since(request.received_at),
             iterations_run: rung.into(),
             iterations_asked: asked.rungs.into(),
-            rung: rung_name(options.params.preset, rung),
+            rung: rung_name(&options.params, rung),
             predicted_cost: self.seat.expected(),
             actual_cost,
             deadline_met: match options.priority {
@@ -322,9 +322,9 @@ fn cut(because: StopReason, rung: u8, asked: u8, plan: &Plan) -> Option<RungsCut
     }
 }
 
-fn rung_name(preset: Preset, rung: u8) -> &'static str {
+fn rung_name(params: &Params, rung: u8) -> &'static str {
     let index = usize::from(rung).saturating_sub(1);
-    rung_names(preset).get(index).copied().unwrap_or_default()
+    params.rung_names().get(index).copied().unwrap_or_default()
 }
 
 impl From<Stopped> for ServiceError {

@@ -77,6 +77,7 @@ struct FormOptions {
     min_disparity: Option<f64>,
     density: Option<String>,
     roi: Option<Object<FormRegion>>,
+    focus: Option<Vec<Object<FormFocus>>>,
     priority_class: Option<String>,
     outputs: Option<Vec<String>>,
     disparity_encoding: Option<String>,
@@ -99,6 +100,16 @@ struct FormRegion {
     y: f64,
     width: f64,
     height: f64,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct FormFocus {
+    x: f64,
+    y: f64,
+    width: f64,
+    height: f64,
+    weight: Option<f64>,
 }
 
 #[derive(Deserialize, Default)]
@@ -166,7 +177,13 @@ impl FormOptions {
                 .map(|got| whole(&MIN_DISPARITY, got))
                 .transpose()?,
             density: choice(&DENSITY, self.density, v1::Density::from_str_name)?,
-            roi: self.roi.map(|Object(roi)| roi.into_proto()).transpose()?,
+            roi: self.roi.map(|Object(roi)| roi.into_proto("roi")).transpose()?,
+            focus: self
+                .focus
+                .into_iter()
+                .flatten()
+                .map(|Object(focus)| focus.into_proto())
+                .collect::<Result<_, _>>()?,
             priority_class: choice(
                 &PRIORITY_CLASS,
                 self.priority_class,
@@ -205,11 +222,11 @@ impl FormOptions {
 }
 
 impl FormRegion {
-    fn into_proto(self) -> Result<v1::Region, ServiceError> {
+    fn into_proto(self, option: &str) -> Result<v1::Region, ServiceError> {
         let px = |name: &str, got: f64| {
             let refuse = || {
                 ServiceError::Invalid(format!(
-                    "roi.{name} must be a whole number of pixels, 0 or more, got {got}"
+                    "{option}.{name} must be a whole number of pixels, 0 or more, got {got}"
                 ))
             };
             #[expect(
@@ -226,6 +243,23 @@ impl FormRegion {
             y: px("y", self.y)?,
             width: px("width", self.width)?,
             height: px("height", self.height)?,
+        })
+    }
+}
+
+impl FormFocus {
+    fn into_proto(self) -> Result<v1::Focus, ServiceError> {
+        let Self {
+            x,
+            y,
+            width,
+            height,
+            weight,
+        } = self;
+        let region = FormRegion { x, y, width, height };
+        Ok(v1::Focus {
+            region: Some(region.into_proto("focus")?),
+            weight: weight.map(narrow),
         })
     }
 }

@@ -2,13 +2,13 @@
 
 use std::time::Duration;
 
-use stereo::{Density, DisparityRange, MeshParams, Params, ParamsError, Preset, Roi, Shape};
+use stereo::{Density, DisparityRange, Focus, MeshParams, Params, ParamsError, Preset, Roi, Shape};
 use stereo_proto::v1;
 
 use super::budget;
 use super::range::{
-    MAX_DISPARITY_STEP_PX, MAX_ITERATIONS, MAX_TRIANGLES, MESH_TOLERANCE_PX, MIN_CONFIDENCE, MIN_DISPARITY,
-    MIN_VALID_SHARE, NUM_DISPARITIES,
+    FOCUS_WEIGHT, MAX_DISPARITY_STEP_PX, MAX_ITERATIONS, MAX_TRIANGLES, MESH_TOLERANCE_PX, MIN_CONFIDENCE,
+    MIN_DISPARITY, MIN_VALID_SHARE, NUM_DISPARITIES,
 };
 use crate::job::{
     Calibration, Compression, DisparityEncoding, FrameOptions, Outputs, PriorityClass, ReplyFormat,
@@ -156,7 +156,8 @@ fn params(options: &v1::Options, defaults: &Params, shape: Shape) -> Result<Para
         },
         density,
         min_confidence: min_confidence.unwrap_or(defaults.min_confidence),
-        roi: options.roi.map(roi).transpose()?,
+        roi: options.roi.map(|region| roi("roi", region)).transpose()?,
+        focus: focus(&options.focus)?,
     };
     // The ranges have been checked above; what is left depends on the image's size.
     params.validate(shape).map_err(|why| match why {
@@ -166,15 +167,46 @@ fn params(options: &v1::Options, defaults: &Params, shape: Shape) -> Result<Para
                  lie inside"
             ))
         }
+        ParamsError::FocusOutside { region: Roi { x, y, width, height }, within } => {
+            ServiceError::Unmatchable(format!(
+                "a focus region ({width} x {height} px from column {x}, row {y}) leaves the image or the roi ({} x {} px from \
+                 column {}, row {}): make it lie inside",
+                within.width, within.height, within.x, within.y
+            ))
+        }
+        ParamsError::FocusTooLarge { most_px, got_px } => ServiceError::Unmatchable(format!(
+            "the focus regions have {got_px} pixels together, the image {most_px}: leave some out or make them smaller"
+        )),
         other => ServiceError::Unmatchable(other.to_string()),
     })?;
     Ok(params)
 }
 
-fn roi(region: v1::Region) -> Result<Roi, ServiceError> {
+fn focus(list: &[v1::Focus]) -> Result<Vec<Focus>, ServiceError> {
+    if list.len() > Focus::MOST {
+        return Err(invalid(format!(
+            "focus must have at most {} regions, got {}: leave some out",
+            Focus::MOST,
+            list.len()
+        )));
+    }
+    list.iter()
+        .map(|focus| {
+            let region = focus
+                .region
+                .ok_or_else(|| invalid("a focus has no region: give x, y, width and height".to_owned()))?;
+            Ok(Focus {
+                region: roi("a focus region", region)?,
+                weight: FOCUS_WEIGHT.check_f32(focus.weight.unwrap_or(1.0))?,
+            })
+        })
+        .collect()
+}
+
+fn roi(name: &str, region: v1::Region) -> Result<Roi, ServiceError> {
     if region.width == 0 || region.height == 0 {
         return Err(invalid(format!(
-            "roi must be at least 1 x 1 px, got {} x {}: give x, y, width and height",
+            "{name} must be at least 1 x 1 px, got {} x {}: give x, y, width and height",
             region.width, region.height
         )));
     }

@@ -74,6 +74,14 @@ pub(super) const MAX_TRIANGLES: Range = Range {
     step: 1.0,
 };
 
+pub(super) const FOCUS_WEIGHT: Range = Range {
+    name: "focus.weight",
+    expected: "a number from 0.001 to 1000",
+    min: 0.001,
+    max: 1000.0,
+    step: 0.0,
+};
+
 impl Range {
     /// `got` if it is accepted; NaN never is.
     pub(super) fn check(&self, got: f64) -> Result<f64, ServiceError> {

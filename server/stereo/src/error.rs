@@ -39,6 +39,30 @@ pub enum ParamsError {
         /// Image height in pixels.
         height_px: usize,
     },
+    /// More regions to focus on than there may be.
+    #[error("focus must have at most {most} regions, got {got}")]
+    TooManyRegions {
+        /// The most there may be.
+        most: usize,
+        /// How many were given.
+        got: usize,
+    },
+    /// A region to focus on is empty, or leaves the image or the region of interest.
+    #[error("the focus region {region:?} must be at least 1 x 1 px and lie inside {within:?}")]
+    FocusOutside {
+        /// The region that was given.
+        region: crate::Roi,
+        /// The image, or the region of interest.
+        within: crate::Roi,
+    },
+    /// The regions to focus on have more pixels than the image.
+    #[error("focus regions must not have more pixels together than the image, {most_px}, got {got_px}")]
+    FocusTooLarge {
+        /// The image's pixels.
+        most_px: usize,
+        /// All regions' pixels.
+        got_px: usize,
+    },
 }
 
 /// A pair that can't be matched by this matcher.

@@ -35,36 +35,52 @@ const CIRCLE: [(i8, i8); 16] = [
     (-1, -3),
 ];
 
-/// Finds the corners of the padded left image, in order of their bins.
-pub(crate) fn corners_in_bins(image: &Plane, found: &mut Vec<Candidate>) {
-    found.clear();
-    let (width, height) = (image.width(), image.height());
-    let (bin_width, bin_height) = (width.div_ceil(BINS.0), height.div_ceil(BINS.1));
-    let mut bins: Vec<Vec<(i16, Candidate)>> = vec![Vec::new(); BINS.0 * BINS.1];
-    // Scores of three rows: a corner must be the best of its 3x3 neighbourhood.
-    let mut rows = [vec![0i16; width], vec![0; width], vec![0; width]];
-    for y in BORDER_PX..height - BORDER_PX + 1 {
-        rows.rotate_left(1);
-        rows[2].fill(0);
-        if y < height - BORDER_PX {
-            score_row(image, y, &mut rows[2]);
+/// Finds corners.
+#[derive(Debug, Default)]
+pub(crate) struct Corners {
+    /// Those of each bin, with their scores.
+    bins: Vec<Vec<(i16, Candidate)>>,
+    /// Scores of three rows: a corner must be the best of its 3x3 neighbourhood.
+    rows: [Vec<i16>; 3],
+}
+
+impl Corners {
+    /// The corners of the padded left image, in order of their bins.
+    pub(crate) fn find(&mut self, image: &Plane, found: &mut Vec<Candidate>) {
+        let Self { bins, rows } = self;
+        found.clear();
+        let (width, height) = (image.width(), image.height());
+        let (bin_width, bin_height) = (width.div_ceil(BINS.0), height.div_ceil(BINS.1));
+        bins.resize_with(BINS.0 * BINS.1, Vec::new);
+        bins.iter_mut().for_each(Vec::clear);
+        for row in &mut *rows {
+            row.clear();
+            row.resize(width, 0);
         }
-        let y = y - 1;
-        for x in BORDER_PX..width - BORDER_PX {
-            let score = rows[1][x];
-            let is_best = score > 0
-                && (0..3).all(|row| (x - 1..=x + 1).all(|at| rows[row][at] <= score))
-                // Of equals, the first.
-                && rows[0][x - 1..=x + 1].iter().all(|&other| other < score)
-                && rows[1][x - 1] < score;
-            if is_best {
-                bins[y / bin_height * BINS.0 + x / bin_width].push((score, Candidate { x, y }));
+        for y in BORDER_PX..height - BORDER_PX + 1 {
+            rows.rotate_left(1);
+            rows[2].fill(0);
+            if y < height - BORDER_PX {
+                score_row(image, y, &mut rows[2]);
+            }
+            let y = y - 1;
+            for x in BORDER_PX..width - BORDER_PX {
+                let score = rows[1][x];
+                let is_best = score > 0
+                    && (0..3).all(|row| (x - 1..=x + 1).all(|at| rows[row][at] <= score))
+                    // Of equals, the first.
+                    && rows[0][x - 1..=x + 1].iter().all(|&other| other < score)
+                    && rows[1][x - 1] < score;
+                if is_best {
+                    bins[y / bin_height * BINS.0 + x / bin_width].push((score, Candidate { x, y }));
+                }
             }
         }
-    }
-    for bin in &mut bins {
-        bin.sort_by_key(|&(score, _)| std::cmp::Reverse(score));
-        found.extend(bin.iter().take(PER_BIN).map(|&(_, corner)| corner));
+        for bin in bins {
+            // Of equals, the first.
+            bin.sort_unstable_by_key(|&(score, at)| (std::cmp::Reverse(score), at.y, at.x));
+            found.extend(bin.iter().take(PER_BIN).map(|&(_, corner)| corner));
+        }
     }
 }
 

@@ -7,6 +7,7 @@ use crate::coarse::Coarse;
 use crate::confidence::{CostScale, rate_costs};
 use crate::cost::Scratch;
 use crate::disparity::{DisparityMap, FIXED_PER_PX};
+use crate::fast::Corners;
 use crate::fork_join::{self, ForkJoin};
 use crate::gradient::Gradient;
 use crate::image::{GrayView, Roi, Shape, StereoPair};
@@ -20,12 +21,15 @@ use crate::propagate;
 use crate::publish::{self, Published};
 use crate::simd::Level;
 use crate::smooth;
-use crate::support::{Buckets, Candidate, Support};
+use crate::support::{self, Buckets, Candidate, Support};
 use crate::surface::{self, Surface};
 use crate::triangulation::Triangulation;
 
 mod dense;
 mod meshing;
+mod regions;
+
+pub(crate) use regions::Regions;
 
 /// Where the way to a rung goes on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -67,6 +71,16 @@ impl Stage {
 /// Context around a region of interest, px: supports there shape the mesh within.
 const CONTEXT_PX: usize = 32;
 
+/// Whether a rung's result is a map, not a mesh.
+fn is_dense(rung: &Rung) -> bool {
+    matches!(rung.work, Work::HalfBand | Work::Full)
+}
+
+/// Pixels of this confidence confirm a mesh. In a dense map what was filled in confirms nothing.
+fn confirmed_from(is_dense: bool) -> u8 {
+    if is_dense { certainty::CONFIRMED_FROM } else { 1 }
+}
+
 /// All scratch of a matcher. Positions are relative to the window, disparities to the smallest one searched.
 #[derive(Debug, Default)]
 pub(crate) struct Frame {
@@ -79,6 +93,8 @@ pub(crate) struct Frame {
     left_census: Census,
     right_census: Census,
     gradient: Gradient,
+    choosing: support::Scratch,
+    corners: Corners,
     candidates: Vec<Candidate>,
     /// What each piece of a search found.
     found: Vec<Vec<Support>>,
@@ -333,14 +349,15 @@ impl Frame {
     }
 
     /// Writes the mesh to `out`, in the image's pixels and disparities: the one that was matched, or one that is made anew from
-    /// the map after a dense rung, or if there are more triangles than wanted.
+    /// the map after a dense rung, if there are more triangles than wanted, or if `regions` are ahead of the rest.
     pub(crate) fn write_mesh(
         &mut self,
         (rung, recipe): (&Rung, &Recipe),
+        regions: Option<&mut Regions>,
         params: &MeshParams,
         out: &mut Mesh,
     ) {
-        let is_dense = matches!(rung.work, Work::HalfBand | Work::Full);
+        let is_dense = is_dense(rung);
         if !is_dense {
             // Publishing such a rung has rated its costs on the way.
             rate_costs(
@@ -354,13 +371,26 @@ impl Frame {
             tolerance_px: params.tolerance_px,
             triangles: usize::try_from(params.max_triangles).unwrap_or(usize::MAX),
         };
+        if let Some(regions) = regions {
+            let maps = regions.compose(self, is_dense, recipe);
+            let evidence = Evidence {
+                window: self.window,
+                mask: &self.gradient.mask,
+                disparity: &maps.disparity,
+                confidence: &maps.confidence,
+                confirmed_from: 1,
+            };
+            self.surface
+                .fit(self.level, &maps.interpolated, self.window.roi.width, limits);
+            let mesh = (self.surface.nodes(), self.surface.facets(false));
+            return self.mesh_writer.write(self.level, mesh, evidence, params, out);
+        }
         let evidence = Evidence {
             window: self.window,
             mask: &self.gradient.mask,
             disparity: &self.disparity,
             confidence: &self.confidence,
-            // In a dense map what was filled in confirms nothing.
-            confirmed_from: if is_dense { certainty::CONFIRMED_FROM } else { 1 },
+            confirmed_from: confirmed_from(is_dense),
         };
         if !is_dense && self.triangulation.triangles() <= limits.triangles {
             let facets = self.triangulation.triangles_from(0).map(Facet::from);

@@ -77,6 +77,20 @@ impl Roi {
         }
     }
 
+    /// Number of pixels.
+    #[must_use]
+    pub fn area_px(&self) -> usize {
+        self.width.saturating_mul(self.height)
+    }
+
+    /// Whether all of it is inside `other`; both lie in one image.
+    #[must_use]
+    pub fn lies_in_region(&self, other: Self) -> bool {
+        let fits =
+            |from: usize, length: usize, first: usize, n: usize| from >= first && from + length <= first + n;
+        fits(self.x, self.width, other.x, other.width) && fits(self.y, self.height, other.y, other.height)
+    }
+
     /// Whether it has at least one pixel and none outside an image of `shape`.
     #[must_use]
     pub fn lies_in(&self, shape: Shape) -> bool {

@@ -9,6 +9,9 @@ use crate::epipolar::{Search, Taps};
 use crate::params::Preset;
 use crate::support::Consistency;
 
+/// No ladder has more rungs.
+pub(crate) const MOST_RUNGS: usize = 8;
+
 /// How the pixels that become support points are chosen.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Detector {
@@ -175,7 +178,7 @@ impl Recipe {
     }
 }
 
-/// Names of a preset's rungs, in order; the first is what `base` publishes. At most 8.
+/// Names of a preset's rungs without regions to focus on, in order; the first is what `base` publishes. At most 8.
 #[must_use]
 pub fn rung_names(preset: Preset) -> Vec<&'static str> {
     Recipe::of(preset).rungs.iter().map(|rung| rung.name).collect()

@@ -29,6 +29,8 @@
 //!               surface     the mesh of such a dense result, fitted to its map
 //! ```
 //!
+//! Regions that matter more ([`Focus`]) climb the ladder first, each in a frame of its own.
+//!
 //! What belongs to which preset is data: `ladder`. A **rung** is a publishable result, a **step** a bounded slice of the
 //! work towards the next one. [`Matcher::base`] climbs the first rung, every call of [`Matcher::refine`] does one step.
 //! The core knows no clock, no thread and no file: when to stop is the caller's decision, threads are an argument
@@ -70,6 +72,7 @@ mod epipolar;
 mod error;
 mod fast;
 mod fill;
+mod focus;
 mod fork_join;
 mod frame;
 mod gradient;
@@ -102,6 +105,7 @@ mod winner;
 
 pub use disparity::{DisparityMap, FIXED_PER_PX};
 pub use error::{MatchError, ParamsError};
+pub use focus::Focus;
 pub use fork_join::{ForkJoin, Serial};
 pub use image::{GrayView, Roi, Shape, StereoPair};
 pub use ladder::rung_names;

@@ -9,6 +9,7 @@
 //!     choose candidates -> search them along their epipolar lines -> insert them into the mesh
 //!     -> interpolate what changed -> evaluate costs, keep the better of old and new -> publish
 //! ```
+//! With regions to focus on, these climb the ladder between the first rung and the rest (see `focus`).
 //! The caller may stop after any step: the output always holds the last finished rung.
 
 use crate::confidence;
@@ -16,7 +17,7 @@ use crate::convergence;
 use crate::disparity::DisparityMap;
 use crate::error::{MatchError, ParamsError};
 use crate::fork_join::ForkJoin;
-use crate::frame::{Frame, Stage};
+use crate::frame::{Frame, Regions, Stage};
 use crate::image::{Shape, StereoPair};
 use crate::ladder::Recipe;
 use crate::mesh::{Mesh, MeshParams};
@@ -34,7 +35,7 @@ pub struct Quality {
     /// Estimated share of the mask's pixels that are right within 3 px, 0..=1; never falls from rung to rung.
     pub estimate: f32,
     /// Share of the pixels asked for that the rung changed: that have got or lost a disparity, or one that differs by 1/4 px
-    /// or more from the rung before. 1 after the first rung; 0 if no pixel is asked for.
+    /// or more from the rung before. 1 after the first rung and those of regions; 0 if no pixel is asked for.
     pub changed: f32,
 }
 
@@ -57,12 +58,16 @@ pub struct Matcher {
     params: Params,
     recipe: &'static Recipe,
     frame: Frame,
+    /// Regions that come before the rest.
+    regions: Regions,
     /// Rungs finished for the current pair; 0 before `base`.
     rungs_done: usize,
     /// Whether there is nothing left worth doing.
     is_done: bool,
     stage: Stage,
     quality: Quality,
+    /// Pixels asked for, as counted at the first rung.
+    asked: u32,
 }
 
 const NOTHING_YET: Quality = Quality {
@@ -82,16 +87,20 @@ impl Matcher {
         let recipe = Recipe::of(params.preset);
         let mut frame = Frame::default();
         frame.reshape(level, shape, &params, recipe);
+        let mut regions = Regions::default();
+        regions.reshape(shape, &params, recipe);
         Ok(Self {
             level,
             shape,
             params,
             recipe,
             frame,
+            regions,
             rungs_done: 0,
             is_done: false,
             stage: Stage::Choose,
             quality: NOTHING_YET,
+            asked: 0,
         })
     }
 
@@ -103,6 +112,7 @@ impl Matcher {
         params.validate(shape)?;
         self.recipe = Recipe::of(params.preset);
         self.frame.reshape(self.level, shape, &params, self.recipe);
+        self.regions.reshape(shape, &params, self.recipe);
         (self.shape, self.params) = (shape, params);
         (self.rungs_done, self.quality) = (0, NOTHING_YET);
         Ok(())
@@ -157,11 +167,12 @@ impl Matcher {
         }
         (self.rungs_done, self.stage, self.quality) = (0, Stage::Choose, NOTHING_YET);
         self.is_done = false;
+        self.regions.forget();
         self.frame.begin(pair, self.recipe, join);
         after("take in");
         loop {
             let stage = self.next_stage();
-            let progress = self.step(out, join);
+            let progress = self.step(pair, out, join);
             after(stage);
             if progress != Progress::Working {
                 return Ok(progress);
@@ -172,16 +183,32 @@ impl Matcher {
     /// Name of the stage that the next step belongs to.
     #[must_use]
     pub fn next_stage(&self) -> &'static str {
-        self.stage.name()
+        if self.rungs_done > 0 && self.regions.are_left() {
+            self.regions.stage().name()
+        } else {
+            self.stage.name()
+        }
     }
 
     /// One bounded step towards the next rung. `pair` is the one given to [`Self::base`], and `out` holds its last result; without a `base` before, nothing
-    /// is done and the answer is `Converged`.
-    pub fn refine(&mut self, _pair: StereoPair<'_>, out: &mut DisparityMap, join: &dyn ForkJoin) -> Progress {
-        if self.rungs_done == 0 || self.is_done {
+    /// is done and the answer is `Converged`; so it is for a pair of another size.
+    pub fn refine(&mut self, pair: StereoPair<'_>, out: &mut DisparityMap, join: &dyn ForkJoin) -> Progress {
+        let size = (pair.left().width_px(), pair.left().height_px());
+        let is_same = size == (self.shape.width_px(), self.shape.height_px());
+        if self.rungs_done == 0 || self.is_done || !is_same {
             return Progress::Converged(self.quality);
         }
-        self.step(out, join)
+        self.step(pair, out, join)
+    }
+
+    /// Rungs of the preset's ladder that the whole image has climbed.
+    fn whole_rungs_done(&self) -> usize {
+        self.rungs_done - self.regions.rungs_done()
+    }
+
+    /// Whether regions are further than the rest of the image.
+    fn are_regions_ahead(&self) -> bool {
+        self.regions.rungs_done() > 0 && self.whole_rungs_done() < self.recipe.rungs.len()
     }
 
     /// Triangulates the current result into `mesh`; empty before `base`.
@@ -189,33 +216,41 @@ impl Matcher {
         mesh.vertices.clear();
         mesh.triangles.clear();
         if self.rungs_done > 0 {
-            let rung = &self.recipe.rungs[self.rungs_done - 1];
-            self.frame.write_mesh((rung, self.recipe), params, mesh);
+            let rung = &self.recipe.rungs[self.whole_rungs_done() - 1];
+            let is_ahead = self.are_regions_ahead();
+            let regions = is_ahead.then_some(&mut self.regions);
+            self.frame.write_mesh((rung, self.recipe), regions, params, mesh);
         }
     }
 
-    fn step(&mut self, out: &mut DisparityMap, join: &dyn ForkJoin) -> Progress {
-        let rung = &self.recipe.rungs[self.rungs_done];
-        match self.frame.step(self.stage, rung, self.recipe, join) {
-            Some(next) => {
-                self.stage = next;
-                Progress::Working
+    fn step(&mut self, pair: StereoPair<'_>, out: &mut DisparityMap, join: &dyn ForkJoin) -> Progress {
+        if self.rungs_done > 0 && self.regions.are_left() {
+            if !self.regions.step(self.level, pair, self.recipe, join) {
+                return Progress::Working;
             }
-            None => {
-                let published = self.frame.publish(
-                    rung,
-                    self.recipe,
-                    (self.shape, &self.params),
-                    (out, self.rungs_done > 0),
-                    join,
-                );
-                self.finish_rung(&published)
-            }
+            let density = self.regions.publish(&self.frame, out, self.asked, join);
+            self.rungs_done += 1;
+            self.quality.rung += 1;
+            self.quality.density = density;
+            self.quality.changed = 1.0;
+            return Progress::Improved(self.quality);
         }
+        let rung = &self.recipe.rungs[self.whole_rungs_done()];
+        if let Some(next) = self.frame.step(self.stage, rung, self.recipe, join) {
+            self.stage = next;
+            return Progress::Working;
+        }
+        let (of_frame, out_before) = ((self.shape, &self.params), (&mut *out, self.rungs_done > 0));
+        let mut published = self.frame.publish(rung, self.recipe, of_frame, out_before, join);
+        self.asked = published.asked;
+        self.rungs_done += 1;
+        if self.are_regions_ahead() {
+            published.density = self.regions.publish(&self.frame, out, self.asked, join);
+        }
+        self.finish_rung(&published)
     }
 
     fn finish_rung(&mut self, published: &Published) -> Progress {
-        self.rungs_done += 1;
         self.stage = Stage::Choose;
         self.quality = Quality {
             rung: u8::try_from(self.rungs_done).unwrap_or(u8::MAX),
@@ -225,7 +260,7 @@ impl Matcher {
                 .max(self.quality.estimate),
             changed: published.changed,
         };
-        let left = &self.recipe.rungs[self.rungs_done..];
+        let left = &self.recipe.rungs[self.whole_rungs_done()..];
         let changed = published.changed;
         self.is_done = convergence::has_converged(left, changed, || self.frame.failed_share());
         if self.is_done {

@@ -1,7 +1,9 @@
 //! Everything that can be set about matching, validated once.
 
 use crate::error::ParamsError;
+use crate::focus::Focus;
 use crate::image::{Roi, Shape};
+use crate::ladder::rung_names;
 
 /// The disparities that are searched: `min_px .. min_px + count` in whole pixels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -83,6 +85,8 @@ pub struct Params {
     pub min_confidence: f32,
     /// Only this region is matched; `None` = the whole image.
     pub roi: Option<Roi>,
+    /// Regions that are matched first (see [`Focus`]): 16 at most, with no more pixels together than the image.
+    pub focus: Vec<Focus>,
 }
 
 impl Default for Params {
@@ -93,6 +97,7 @@ impl Default for Params {
             density: Density::SemiDense,
             min_confidence: 0.0,
             roi: None,
+            focus: Vec::new(),
         }
     }
 }
@@ -116,7 +121,7 @@ impl Params {
         }
     }
 
-    /// Checks every range, and the region of interest against `shape`.
+    /// Checks every range, and the regions against `shape`.
     ///
     /// # Errors
     /// The first [`ParamsError`] found.
@@ -136,7 +141,16 @@ impl Params {
                 width_px: shape.width_px(),
                 height_px: shape.height_px(),
             }),
-            _ => Ok(()),
+            _ => Focus::validate(&self.focus, shape, self.roi),
         }
+    }
+
+    /// Names of the rungs with these parameters, in order; the first is what `base` publishes. At most 8.
+    #[must_use]
+    pub fn rung_names(&self) -> Vec<&'static str> {
+        let mut names = rung_names(self.preset);
+        let (_, turns) = Focus::turns(&self.focus, names.len());
+        names.splice(1..1, turns.iter().map(|_| "focus"));
+        names
     }
 }

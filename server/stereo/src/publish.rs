@@ -31,6 +31,8 @@ pub(crate) enum Confidence<'a> {
 /// What was published.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(crate) struct Published {
+    /// Pixels asked for.
+    pub(crate) asked: u32,
     /// Share of the pixels asked for that have a disparity.
     pub(crate) density: f32,
     /// Mean confidence of the mask's pixels, 0..=254, whatever was asked for.
@@ -79,6 +81,7 @@ pub(crate) fn publish(
     });
     let all = all.into_inner().unwrap_or_default();
     Published {
+        asked: all.asked,
         density: share(all.answered, all.asked),
         mean_confidence: share(all.confidence, all.textured),
         changed: if replaces || all.asked == 0 {

@@ -49,15 +49,26 @@ pub(crate) fn strongest_per_cell(
     size: (usize, usize),
     cell_px: usize,
     unexplained: Option<Unexplained<'_>>,
-    found: &mut Vec<Candidate>,
+    (scratch, found): (&mut Scratch, &mut Vec<Candidate>),
 ) {
     level.run(Strongest {
         gradient,
         size,
         cell_px,
         unexplained,
+        scratch,
         found,
     });
+}
+
+/// Scratch of a choice: for every column of a row of cells, strength of the best pixel with, below it, how early its row comes;
+/// and how many pixels are eligible.
+#[derive(Debug, Default)]
+pub(crate) struct Scratch {
+    best: Vec<u16>,
+    eligible: Vec<u8>,
+    /// Costs of a row where everything counts as unexplained.
+    everything: Vec<u8>,
 }
 
 struct Strongest<'a> {
@@ -65,6 +76,7 @@ struct Strongest<'a> {
     size: (usize, usize),
     cell_px: usize,
     unexplained: Option<Unexplained<'a>>,
+    scratch: &'a mut Scratch,
     found: &'a mut Vec<Candidate>,
 }
 
@@ -78,6 +90,7 @@ impl Kernel for Strongest<'_> {
             size: (width, height),
             cell_px,
             unexplained,
+            scratch,
             found,
         } = self;
         found.clear();
@@ -86,10 +99,15 @@ impl Kernel for Strongest<'_> {
         } else {
             1
         };
-        // For every column of a row of cells: strength of the best pixel with, below it, how early its row comes; and how
-        // many pixels are eligible. Whole rows at a time, so that there is nothing to decide pixel by pixel.
-        let (mut best, mut eligible) = (vec![0u16; width], vec![0u8; width]);
-        let everything = vec![u8::MAX; if unexplained.is_some() { 0 } else { width }];
+        // Whole rows at a time, so that there is nothing to decide pixel by pixel.
+        let Scratch {
+            best,
+            eligible,
+            everything,
+        } = scratch;
+        best.resize(width, 0);
+        eligible.resize(width, 0);
+        everything.resize(width, u8::MAX);
         for (row_of_cells, top) in (0..height).step_by(cell_px).enumerate() {
             best.fill(0);
             eligible.fill(0);
@@ -103,7 +121,7 @@ impl Kernel for Strongest<'_> {
                 let earliness = u16::try_from(top + cell_px - 1 - y).unwrap_or(0);
                 let columns = best
                     .iter_mut()
-                    .zip(&mut eligible)
+                    .zip(&mut *eligible)
                     .zip(strengths.iter().zip(costs));
                 for ((best, eligible), (strength, cost)) in columns {
                     let counts = u8::from(*strength >= MIN_STRENGTH) & u8::from(*cost > explained_up_to);
@@ -155,12 +173,12 @@ impl Consistency {
     /// Removes from `fresh` what has too few supporters among `fresh` and `known`.
     pub(crate) fn retain(&self, fresh: &mut Vec<Support>, known: &[Support], buckets: &mut Buckets) {
         buckets.fill(fresh.iter().chain(known));
-        let keep: Vec<bool> = fresh
-            .iter()
-            .map(|support| self.has_supporters(support, buckets))
-            .collect();
-        let mut keep = keep.into_iter();
-        fresh.retain(|_| keep.next().unwrap_or(false));
+        let mut keep = std::mem::take(&mut buckets.keep);
+        keep.clear();
+        keep.extend(fresh.iter().map(|support| self.has_supporters(support, buckets)));
+        let mut kept = keep.iter();
+        fresh.retain(|_| kept.next().copied().unwrap_or(false));
+        buckets.keep = keep;
     }
 
     fn has_supporters(&self, support: &Support, buckets: &Buckets) -> bool {
@@ -240,6 +258,8 @@ pub(crate) struct Buckets {
     /// `sorted[starts[b]..starts[b + 1]]` are the supports of bucket b.
     starts: Vec<u32>,
     sorted: Vec<Support>,
+    /// Which supports stay.
+    keep: Vec<bool>,
 }
 
 /// Side of a bucket in px.

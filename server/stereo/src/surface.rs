@@ -35,6 +35,8 @@ pub(crate) struct Surface {
     /// The map at the nodes, in 1/64 px.
     heights: Vec<u16>,
     worth: Vec<f32>,
+    /// What the nodes of a row gain for those beside them.
+    sides: Vec<f32>,
     chosen: Vec<f32>,
     open: Vec<[Node; 3]>,
     /// Three nodes each: the ends of the longest side, then the third.
@@ -105,6 +107,7 @@ impl Surface {
         level.run(Rate {
             heights: &self.heights,
             worth: &mut self.worth,
+            sides: &mut self.sides,
             stride: columns.len(),
             side: *side,
             tolerance: 2.0 * limits.tolerance_px * f32::from(FIXED_PER_PX),
@@ -201,6 +204,7 @@ fn gain(middle: u16, ends: [u16; 2], tolerance: f32, pixels: f32) -> f32 {
 struct Rate<'a> {
     heights: &'a [u16],
     worth: &'a mut [f32],
+    sides: &'a mut Vec<f32>,
     stride: usize,
     side: usize,
     /// In 1/128 px.
@@ -232,7 +236,8 @@ impl Rate<'_> {
                 worth[x] = gain(here[x], [before[x], after[x]], tolerance, 2.0);
             }
         }
-        let mut sides = vec![0.0; stride];
+        let sides = &mut *self.sides;
+        sides.resize(stride, 0.0);
         for j in (1..rows).step_by(2) {
             let [above, here, below] = [j - 1, j, j + 1].map(|j| &self.heights[j * stride..][..stride]);
             for x in 0..stride {

@@ -3,8 +3,8 @@
 
 use proptest::prelude::*;
 use stereo::{
-    Density, DisparityMap, DisparityRange, FIXED_PER_PX, ForkJoin, GrayView, Level, MatchError, Matcher,
-    Mesh, MeshParams, Params, Preset, Progress, Quality, Roi, Serial, Shape, StereoPair,
+    Density, DisparityMap, DisparityRange, FIXED_PER_PX, Focus, ForkJoin, GrayView, Level, MatchError,
+    Matcher, Mesh, MeshParams, Params, Preset, Progress, Quality, Roi, Serial, Shape, StereoPair,
 };
 
 /// A textured pair: what the left view shows at `x`, the right shows at `x - disparity(y)`.
@@ -612,7 +612,7 @@ proptest! {
     fn anything_can_be_matched(
         (width, height, padding) in (32usize..150, 32usize..90, 0usize..9),
         (min_px, sixteenths) in (prop_oneof![Just(0u16), 1u16..60, Just(767)], 1u16..=16),
-        (preset, dense) in (prop_oneof![Just(Preset::Default), Just(Preset::Fast), Just(Preset::Paper)], any::<bool>()),
+        (preset, dense, focuses) in (prop_oneof![Just(Preset::Default), Just(Preset::Fast), Just(Preset::Paper)], any::<bool>(), any::<bool>()),
         roi in proptest::option::of((0.0..1.0f64, 0.0..1.0f64, 0.0..1.0f64, 0.0..1.0f64)),
         seed in any::<u64>(),
         contrast in prop_oneof![Just(0u32), Just(3), Just(8)],
@@ -639,6 +639,7 @@ proptest! {
             range: DisparityRange { min_px, count: 16 * sixteenths },
             density: if dense { Density::Dense } else { Density::SemiDense },
             min_confidence: 0.0,
+            focus: roi.into_iter().map(|region| Focus { region, weight: 1.0 }).filter(|_| focuses).collect(),
             roi,
         };
         let shape = Shape::new(width, height).unwrap();

@@ -24,6 +24,7 @@ fn every_option_has_a_name_in_json() {
         "disparity_encoding": "png16", "compression": "lz4", "allow_downscale": true,
         "mesh": {"keep_rejected": true, "max_disparity_step_px": 2.5, "min_valid_share": 0.25, "tolerance_px": 1.5,
             "max_triangles": 70000}, "colors": true,
+        "focus": [{"x": 5, "y": 6, "width": 7, "height": 8, "weight": 2.5}, {"x": 0, "y": 0, "width": 1, "height": 1}],
         "calibration": {"focal_px": 500.5, "cx_px": 320, "cy_px": 240, "baseline_m": 0.1, "doffs_px": -2},
         "request_id": "r", "camera_id": "c", "sequence": 18446744073709551615,
         "capture_time": "2023-11-14T22:13:20.5Z"
@@ -76,6 +77,26 @@ fn every_option_has_a_name_in_json() {
             }),
             colors: Some(true),
             mesh_is_optional: None,
+            focus: vec![
+                v1::Focus {
+                    region: Some(v1::Region {
+                        x: 5,
+                        y: 6,
+                        width: 7,
+                        height: 8,
+                    }),
+                    weight: Some(2.5),
+                },
+                v1::Focus {
+                    region: Some(v1::Region {
+                        x: 0,
+                        y: 0,
+                        width: 1,
+                        height: 1,
+                    }),
+                    weight: None,
+                },
+            ],
         }),
     };
     assert_eq!(options_from_json(json.as_bytes()), Ok(expected));
@@ -168,6 +189,8 @@ fn numbers_of_other_types_are_refused_by_name() {
         &["calibration", "missing field"],
     );
     refused_naming(r#"{"roi": [0, 0, 10, 10]}"#, &["roi", "object"]);
+    refused_naming(r#"{"focus": [[0, 0, 10, 10]]}"#, &["focus", "object"]);
+    refused_naming(r#"{"focus": {"x": 0}}"#, &["focus"]);
     refused_naming(r#"{"outputs": "mesh"}"#, &["outputs"]);
     refused_naming(r#"{"preset": 1}"#, &["preset"]);
 }
@@ -198,6 +221,10 @@ fn numbers_out_of_range_are_refused_naming_the_range() {
     refused_naming(
         r#"{"roi": {"x": 0.5, "y": 0, "width": 10, "height": 10}}"#,
         &["roi.x", "whole"],
+    );
+    refused_naming(
+        r#"{"focus": [{"x": 0, "y": -2, "width": 10, "height": 10}]}"#,
+        &["focus.y", "-2"],
     );
 }
 

@@ -1,13 +1,13 @@
 use proptest::prelude::*;
 
-use super::{CIRCLE, PER_BIN, corners_in_bins};
+use super::{CIRCLE, Corners, PER_BIN};
 use crate::plane::MARGIN_X;
 use crate::scene::{Image, Noise};
 use crate::support::Candidate;
 
 fn corners(image: &Image) -> Vec<(usize, usize)> {
     let mut found = vec![Candidate { x: 1, y: 1 }];
-    corners_in_bins(&image.padded(MARGIN_X, MARGIN_X), &mut found);
+    Corners::default().find(&image.padded(MARGIN_X, MARGIN_X), &mut found);
     found.iter().map(|corner| (corner.x, corner.y)).collect()
 }
 

@@ -5,11 +5,11 @@ use crate::cost::{Best, Evaluation};
 use crate::disparity::FIXED_PER_PX;
 use crate::epipolar::Views;
 use crate::fork_join::{self, ForkJoin};
+use crate::interpolate;
 use crate::ladder::{Detector, Recipe, Rung, Work};
 use crate::paper::Iteration;
 use crate::propagate;
 use crate::support::{self, Unexplained};
-use crate::{fast, interpolate};
 
 /// Candidates searched in one step.
 const SEARCHES_A_STEP: usize = 256;
@@ -42,11 +42,11 @@ impl Frame {
                     size,
                     cell_px,
                     unexplained,
-                    &mut self.candidates,
+                    (&mut self.choosing, &mut self.candidates),
                 );
             }
             Work::Paper { .. } if is_first => match recipe.detector {
-                Detector::FastInBins => fast::corners_in_bins(&self.left, &mut self.candidates),
+                Detector::FastInBins => self.corners.find(&self.left, &mut self.candidates),
                 Detector::StrongestPerCell => {}
             },
             Work::Paper { .. } => {

@@ -1,6 +1,6 @@
 use proptest::prelude::*;
 
-use super::{Buckets, Candidate, Consistency, Support, Unexplained, strongest_per_cell, thin};
+use super::{Buckets, Candidate, Consistency, Scratch, Support, Unexplained, strongest_per_cell, thin};
 use crate::gradient::Gradient;
 use crate::plane::MARGIN_X;
 use crate::scene::{Image, Noise};
@@ -60,7 +60,7 @@ proptest! {
         let cost = noise.bytes(width * height, 256);
         let mut found = vec![Candidate { x: 1, y: 1 }];
         let unexplained = explained_up_to.map(|explained_up_to| Unexplained { cost: &cost, explained_up_to });
-        strongest_per_cell(Level::detect(), &gradient, (width, height), cell_px, unexplained, &mut found);
+        strongest_per_cell(Level::detect(), &gradient, (width, height), cell_px, unexplained, (&mut Scratch::default(), &mut found));
         let counts = |at: usize| explained_up_to.is_none_or(|up_to| cost[at] > up_to);
         let enough = if explained_up_to.is_some() { 2 * cell_px } else { 1 };
         prop_assert_eq!(found, expected(&gradient.strength, (width, height), cell_px, counts, enough));
@@ -121,7 +121,14 @@ fn a_flat_image_has_no_candidates() {
         0..height,
     );
     let mut found = Vec::new();
-    strongest_per_cell(Level::detect(), &gradient, (width, height), 8, None, &mut found);
+    strongest_per_cell(
+        Level::detect(),
+        &gradient,
+        (width, height),
+        8,
+        None,
+        (&mut Scratch::default(), &mut found),
+    );
     assert!(found.is_empty());
 }
 
