@@ -1,6 +1,6 @@
 # Short names for plain commands; nothing is done here that can't be typed.
 
-.PHONY: demo console test test-python test-console lint lint-python fmt figures eval stages load
+.PHONY: demo console test test-python test-console lint lint-python fmt figures eval stages load load-zenoh
 
 # A real pair through a real server; writes out/.
 demo: console
@@ -80,6 +80,10 @@ stages:
 # running server: cargo load --server http://host:8080 --cameras 8 --rate 30 --size 640x480 --budget 50.
 load:
 	cargo run --release --package stereo-tests --bin load -- --suite overload --write README.md $(ARGS)
+
+# What Zenoh costs beside HTTP, and eight cameras of 30 Hz for ten minutes twice; writes the README's table.
+load-zenoh:
+	cargo run --release --package stereo-tests --bin load -- --suite zenoh --seconds 600 --write README.md $(ARGS)
 
 target/venv/ready:
 	python3 -m venv target/venv

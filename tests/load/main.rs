@@ -24,6 +24,7 @@ mod statistics;
 mod suite;
 mod table;
 mod verdict;
+mod zenoh;
 
 use std::io::IsTerminal;
 use std::process::ExitCode;
@@ -55,6 +56,7 @@ fn main() -> Result<ExitCode> {
     args.check()?;
     match args.suite {
         Some(args::Suite::Overload) => suite::run(&args).map(|()| ExitCode::SUCCESS),
+        Some(args::Suite::Zenoh) => zenoh::run(&args).map(|()| ExitCode::SUCCESS),
         None => one(&args),
     }
 }

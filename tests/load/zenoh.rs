@@ -1,0 +1,97 @@
+//! What Zenoh costs: round trips of a request beside HTTP's, and cameras that stream.
+
+mod cameras;
+mod round_trip;
+
+use std::time::Duration;
+
+use anyhow::{Context, Result, anyhow};
+use serde_json::Value;
+use stereo_tests::process::{Launch, Stereod};
+use stereo_tests::{machine, readme};
+use zenoh::Session;
+
+use crate::args::Args;
+use crate::{STARTED_WITHIN, progress_bar, wait_until_ready};
+
+/// How long a server may take until its session is open.
+const LOOK_AGAIN: Duration = Duration::from_millis(20);
+
+/// Measures everything, prints the tables, and writes them between the markers `zenoh:begin` and `zenoh:end` of a file.
+#[expect(clippy::print_stdout, reason = "the tables are what this program is for")]
+pub(crate) fn run(args: &Args) -> Result<()> {
+    // Not kept apart by cores: the server, its network threads and the cameras share them all, as on a robot.
+    let server = Stereod::launch(&Launch {
+        program: args.stereod.as_deref(),
+        cores: None,
+        args: &["--workers", "1"],
+    })?;
+    wait_until_ready(server.url(), STARTED_WITHIN)?;
+    let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
+    let tables = runtime.block_on(async {
+        let endpoint = endpoint(server.url()).await?;
+        let trips = round_trip::measure(server.url(), &endpoint).await?;
+        let seconds = args.seconds.max(1.0);
+        let bar = progress_bar(2, "{bar:30} {elapsed}  {msg}")?;
+        bar.enable_steady_tick(Duration::from_millis(500));
+        let mut rows = Vec::new();
+        for phases in [cameras::Phases::Spread, cameras::Phases::Together] {
+            bar.set_message(phases.name());
+            rows.push(cameras::stream(server.url(), &endpoint, phases, seconds).await?);
+            bar.inc(1);
+        }
+        bar.finish_and_clear();
+        let (described, header) = (machine::describe(), cameras::HEADER);
+        anyhow::Ok(format!(
+            "{trips}\n\n{header}\n{}\n\n{described}.",
+            rows.join("\n")
+        ))
+    })?;
+    server.stop()?;
+    println!("{tables}");
+    if let Some(path) = &args.write {
+        readme::write_table(path, "zenoh", &tables)?;
+    }
+    Ok(())
+}
+
+/// What the server at `url` says at `path`.
+async fn get(url: &str, path: &str) -> Result<Value> {
+    // A proxy of the environment would look for the server on its own machine.
+    let http = reqwest::Client::builder().no_proxy().build()?;
+    let body = http.get(format!("{url}{path}")).send().await?.bytes().await?;
+    serde_json::from_slice(&body).with_context(|| format!("{url}{path} answered no JSON"))
+}
+
+/// Where the server's session can be reached.
+async fn endpoint(url: &str) -> Result<String> {
+    loop {
+        if let Some(locator) = get(url, "/readyz").await?["zenoh"]["locators"][0].as_str() {
+            return Ok(locator.to_owned());
+        }
+        tokio::time::sleep(LOOK_AGAIN).await;
+    }
+}
+
+/// A client of the server, with or without shared memory.
+async fn session(endpoint: &str, shared_memory: bool) -> Result<Session> {
+    let config = serde_json::json!({ "transport": { "shared_memory": {
+        "enabled": shared_memory,
+        "transport_optimization": { "messages": ["put"] },
+    } } });
+    stereo_tests::zenoh::client_with(endpoint, config).await
+}
+
+/// Zenoh's errors are none that `anyhow` takes.
+fn zenoh_error(why: zenoh::Error) -> anyhow::Error {
+    anyhow!(why)
+}
+
+/// The value below which `percent` of all are, in ms.
+fn percentile_ms(values: &mut [Duration], percent: usize) -> f64 {
+    values.sort_unstable();
+    let index = values.len().saturating_sub(1) * percent / 100;
+    values
+        .get(index)
+        .map_or(f64::NAN, |value| value.as_secs_f64() * 1e3)
+}
