@@ -1,12 +1,10 @@
 //! Results of one camera on their way out: whole and in parts, each encoded only while somebody subscribes, the newest one first.
 
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use tokio::sync::Notify;
 use tokio::task::spawn_blocking;
 use zenoh::Wait;
-use zenoh::matching::MatchingListener;
 use zenoh::pubsub::Publisher;
 use zenoh::qos::CongestionControl;
 
@@ -21,10 +19,17 @@ pub(super) struct Results {
 
 struct Part {
     format: ReplyFormat,
-    is_wanted: Arc<AtomicBool>,
-    // Before the publisher, which takes its listeners with it.
-    _matching: MatchingListener<()>,
     publisher: Publisher<'static>,
+}
+
+impl Part {
+    /// Whether somebody subscribes, by what the session knows: nothing is sent to find out. A matching listener says the same later, on a
+    /// busy machine too late for the first frame after a subscription.
+    fn is_wanted(&self) -> bool {
+        let status = self.publisher.matching_status().wait();
+        // Only a closed session knows nothing.
+        status.is_ok_and(|status| status.matching())
+    }
 }
 
 impl Results {
@@ -53,31 +58,14 @@ impl Results {
                 .congestion_control(CongestionControl::Drop)
                 .express(true)
                 .await?;
-            let is_wanted = Arc::new(AtomicBool::new(false));
-            let wanted = Arc::clone(&is_wanted);
-            let matching = publisher
-                .matching_listener()
-                .callback(move |status| wanted.store(status.matching(), Ordering::Relaxed))
-                .await?;
-            if publisher.matching_status().await?.matching() {
-                is_wanted.store(true, Ordering::Relaxed);
-            }
-            parts.push(Part {
-                format,
-                publisher,
-                is_wanted,
-                _matching: matching,
-            });
+            parts.push(Part { format, publisher });
         }
         Ok(Self { parts })
     }
 
     /// The bodies that somebody wants now: subscribers, and viewers over HTTP.
     pub(super) fn wanted(&self, stream: &Stream) -> Vec<ReplyFormat> {
-        let subscribed = self
-            .parts
-            .iter()
-            .filter(|part| part.is_wanted.load(Ordering::Relaxed));
+        let subscribed = self.parts.iter().filter(|part| part.is_wanted());
         let mut formats: Vec<ReplyFormat> = subscribed.map(|part| part.format).collect();
         for format in stream.watched() {
             if !formats.contains(&format) {
