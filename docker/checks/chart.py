@@ -1,6 +1,8 @@
 """The Helm chart, by its committed rendering."""
 
+import hashlib
 import subprocess
+import sys
 
 import yaml
 
@@ -10,7 +12,13 @@ from .report import DOCKER, ROOT, Report, tool
 
 RENDERED = DOCKER / "helm/rendered.yaml"
 KINDS = {
-    "ConfigMap", "Deployment", "HorizontalPodAutoscaler", "NetworkPolicy", "PodDisruptionBudget", "Service", "ServiceMonitor",
+    "ConfigMap",
+    "Deployment",
+    "HorizontalPodAutoscaler",
+    "NetworkPolicy",
+    "PodDisruptionBudget",
+    "Service",
+    "ServiceMonitor",
 }
 HELM = ["template", "stereod", DOCKER / "helm/stereod", "--values", DOCKER / "helm/rendered.values.yaml"]
 
@@ -22,8 +30,19 @@ def check(report: Report) -> None:
         report.bad("docker/helm/rendered.yaml", f"it has no {', '.join(sorted(missing))}")
         return
     report.all_of("chart: every object is labelled, every selector finds the pods", label_problems(objects))
-    report.all_of("chart: probes, drain, rights, volumes, resources", pod_problems(objects["Deployment"]["spec"]["template"]["spec"]))
-    report.all_of("chart: ports, flags and names agree with the server, the image and each other", wiring_problems(objects))
+    report.all_of(
+        "chart: probes, drain, rights, volumes, resources",
+        pod_problems(objects["Deployment"]["spec"]["template"]["spec"]),
+    )
+    report.all_of(
+        "chart: ports, flags and names agree with the server, the image and each other", wiring_problems(objects)
+    )
+    report.all_of(
+        "chart: rendered.yaml was made of what the chart is now",
+        []
+        if RENDERED.read_text().startswith(headline())
+        else ["make it anew: docker/check --render (with helm installed)"],
+    )
     schemas(report, list(objects.values()))
     helm(report)
     kubeconform = tool("kubeconform")
@@ -31,6 +50,26 @@ def check(report: Report) -> None:
         report.skip("kubeconform", "not installed")
     else:
         report.run("kubeconform", [kubeconform, "-strict", "-ignore-missing-schemas", RENDERED])
+
+
+def headline() -> str:
+    """The rendering's first line, which changes with the chart and the values: so that an old one is seen without helm."""
+    files = [*(DOCKER / "helm/stereod").rglob("*"), DOCKER / "helm/rendered.values.yaml"]
+    digest = hashlib.sha256()
+    for path in sorted(path for path in files if path.is_file()):
+        digest.update(f"{path.relative_to(DOCKER)}\0{path.read_text()}\0".encode())
+    return f"# Made by docker/check --render; chart and values: sha256 {digest.hexdigest()}\n"
+
+
+def render() -> None:
+    """Writes the rendering anew."""
+    program = tool("helm")
+    if program is None:
+        sys.exit("docker/check --render needs helm: install it (https://helm.sh)")
+    done = subprocess.run([program, *HELM], stdout=subprocess.PIPE, text=True, check=False)
+    if done.returncode:
+        sys.exit(done.returncode)
+    RENDERED.write_text(headline() + done.stdout)
 
 
 def label_problems(objects: dict[str, dict]) -> list[str]:
@@ -51,7 +90,12 @@ def label_problems(objects: dict[str, dict]) -> list[str]:
         for name, (selector, labels) in selectors.items()
         if not selector or not selector.items() <= labels.items()
     ]
-    wanted = {"app.kubernetes.io/name", "app.kubernetes.io/instance", "app.kubernetes.io/version", "app.kubernetes.io/managed-by"}
+    wanted = {
+        "app.kubernetes.io/name",
+        "app.kubernetes.io/instance",
+        "app.kubernetes.io/version",
+        "app.kubernetes.io/managed-by",
+    }
     for kind, one in objects.items():
         if missing := wanted - one["metadata"].get("labels", {}).keys():
             found.append(f"{kind} has no label {', '.join(sorted(missing))}")
@@ -73,7 +117,10 @@ def pod_problems(pod: dict) -> list[str]:
     grace = pod["terminationGracePeriodSeconds"]
     want(grace >= before + DRAIN_S, f"{grace} s to stop, but {before} s before and up to {DRAIN_S} s for the drain")
     ready = container["readinessProbe"]
-    want(before >= ready["periodSeconds"] * ready["failureThreshold"], "preStop is shorter than readiness takes to be noticed")
+    want(
+        before >= ready["periodSeconds"] * ready["failureThreshold"],
+        "preStop is shorter than readiness takes to be noticed",
+    )
     rights, of_pod = container["securityContext"], pod["securityContext"]
     want(of_pod["runAsNonRoot"] and of_pod["runAsUser"] > 0, "it may run as root")
     want(of_pod["seccompProfile"]["type"] == "RuntimeDefault", "it has no seccomp profile")
@@ -110,7 +157,9 @@ def wiring_problems(objects: dict[str, dict]) -> list[str]:
         "ServiceMonitor": objects["ServiceMonitor"]["spec"]["endpoints"][0]["port"],
         "NetworkPolicy": objects["NetworkPolicy"]["spec"]["ingress"][0]["ports"][0]["port"],
     }
-    found += [f"{kind} names the port {name}, the pod {port['name']}" for kind, name in names.items() if name != port["name"]]
+    found += [
+        f"{kind} names the port {name}, the pod {port['name']}" for kind, name in names.items() if name != port["name"]
+    ]
     if service["spec"]["ports"][0]["name"] != names["ServiceMonitor"]:
         found.append("ServiceMonitor and Service name different ports")
     scaler = objects["HorizontalPodAutoscaler"]["spec"]
@@ -122,7 +171,9 @@ def wiring_problems(objects: dict[str, dict]) -> list[str]:
     adapter = yaml.safe_load((DOCKER / "prometheus/adapter.yml").read_text())
     made = {rule["name"]["as"] for rule in adapter["rules"]["custom"]}
     found += [
-        f"nobody makes the metric {one['pods']['metric']['name']}" for one in scaler["metrics"] if one["pods"]["metric"]["name"] not in made
+        f"nobody makes the metric {one['pods']['metric']['name']}"
+        for one in scaler["metrics"]
+        if one["pods"]["metric"]["name"] not in made
     ]
     version = (ROOT / "Cargo.toml").read_text().split('version = "')[1].split('"')[0]
     chart = yaml.safe_load((DOCKER / "helm/stereod/Chart.yaml").read_text())
@@ -130,7 +181,9 @@ def wiring_problems(objects: dict[str, dict]) -> list[str]:
         found.append(f"the chart is for {chart['appVersion']}, the server is {version}")
     files = objects["ConfigMap"]["data"]
     wanted = [one for one in [*container["args"], *environment.values()] if one.startswith("/etc/stereod/")]
-    return found + [f"{one} is not in the ConfigMap" for one in wanted if one.removeprefix("/etc/stereod/") not in files]
+    return found + [
+        f"{one} is not in the ConfigMap" for one in wanted if one.removeprefix("/etc/stereod/") not in files
+    ]
 
 
 def schemas(report: Report, objects: list[dict]) -> None:
@@ -151,24 +204,28 @@ def schemas(report: Report, objects: list[dict]) -> None:
             except kubernetes_validate.ValidationError as why:
                 problems.append(f"{one['kind']}: {'.'.join(map(str, why.path))}: {why.message}")
         report.all_of(f"chart: the schemas of Kubernetes {version}, strictly", problems)
-    report.skip("chart: the ServiceMonitor's schema", "it is the Prometheus operator's, which is not part of Kubernetes")
+    report.skip(
+        "chart: the ServiceMonitor's schema", "it is the Prometheus operator's, which is not part of Kubernetes"
+    )
 
 
 def helm(report: Report) -> None:
     """What helm says, and whether the committed rendering is what it renders."""
     program = tool("helm")
     if program is None:
-        report.skip("helm lint, helm template", "helm is not installed: rendered.yaml may be out of date")
+        report.skip("helm lint, helm template", "helm is not installed")
         return
     report.run("helm lint", [program, "lint", "--strict", *HELM[2:]])
     done = subprocess.run([program, *HELM], capture_output=True, text=True, check=False)
     same = list(yaml.safe_load_all(done.stdout)) == list(yaml.safe_load_all(RENDERED.read_text()))
-    again = "make it anew: helm template stereod docker/helm/stereod --values docker/helm/rendered.values.yaml > docker/helm/rendered.yaml"
+    again = "make it anew: docker/check --render"
     report.all_of("helm template renders docker/helm/rendered.yaml", [] if same else [done.stderr.strip() or again])
     variants = {
         "defaults": [],
         "HTTP alone, nothing optional": [
-            "zenoh.enabled=false", "networkPolicy.enabled=false", "podDisruptionBudget.enabled=false",
+            "zenoh.enabled=false",
+            "networkPolicy.enabled=false",
+            "podDisruptionBudget.enabled=false",
         ],
         "Zenoh's file as a secret": ["zenoh.existingSecret=zenoh"],
     }
@@ -176,5 +233,7 @@ def helm(report: Report) -> None:
         command = [program, "template", "stereod", HELM[2], *(word for one in settings for word in ("--set", one))]
         report.run(f"helm template: {name}", command)
     for setting in ("replicas=two", "zenoh.conect=x", "service.port=0", "zenoh.existingSecret=a,zenoh.config=b"):
-        done = subprocess.run([program, "template", "stereod", HELM[2], "--set", setting], capture_output=True, check=False)
+        done = subprocess.run(
+            [program, "template", "stereod", HELM[2], "--set", setting], capture_output=True, check=False
+        )
         report.all_of(f"helm refuses {setting}", [] if done.returncode else ["it was taken"])

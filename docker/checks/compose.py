@@ -16,7 +16,9 @@ DRAIN_S = 66
 def check(report: Report) -> None:
     """Checks docker/compose.yaml."""
     compose = yaml.safe_load(FILE.read_text())
-    report.all_of("docker/compose.yaml: hardened services, loopback ports, files and dependencies that exist", problems(compose))
+    report.all_of(
+        "docker/compose.yaml: hardened services, loopback ports, files and dependencies that exist", problems(compose)
+    )
     router = (ROOT / "Cargo.lock").read_text().split('name = "zenoh"\nversion = "')[1].split('"')[0]
     image = compose["services"]["router"]["image"]
     report.all_of(

@@ -46,7 +46,9 @@ def check(report: Report) -> None:
         wrong.append("it has no HEALTHCHECK")
     if not last["ENV"].startswith("STEREOD_HTTP=0.0.0.0:" + last["EXPOSE"]):
         wrong.append(f"it exposes {last['EXPOSE']} and listens by {last['ENV']}")
-    wrong += [f"the server has no variable {one}" for one in re.findall(r"STEREOD_\w+", last["ENV"]) if one not in variables()]
+    wrong += [
+        f"the server has no variable {one}" for one in re.findall(r"STEREOD_\w+", last["ENV"]) if one not in variables()
+    ]
     report.all_of("docker/Dockerfile: a health check, and the port it listens on", wrong)
 
     hadolint = tool("hadolint")

@@ -86,9 +86,15 @@ def texts() -> dict[str, str]:
     dashboard = json.loads((DOCKER / "grafana/dashboards/stereod.json").read_text())
     found = {
         "docker/prometheus/alerts.yml, queries": "\n".join(rule["expr"] for rule in rules),
-        f"docker/prometheus/alerts.yml, {PROSE}": "\n".join(text for rule in rules for text in rule["annotations"].values()),
-        "docker/prometheus/alerts_test.yml": "\n".join(one["series"] for test in tests["tests"] for one in test["input_series"]),
+        f"docker/prometheus/alerts.yml, {PROSE}": "\n".join(
+            text for rule in rules for text in rule["annotations"].values()
+        ),
+        "docker/prometheus/alerts_test.yml": "\n".join(
+            one["series"] for test in tests["tests"] for one in test["input_series"]
+        ),
         "docker/grafana/dashboards/stereod.json": "\n".join(expressions(dashboard)),
         f"docker/RUNBOOK.md, {PROSE}": (DOCKER / "RUNBOOK.md").read_text(),
     }
-    return found | {f"docker/{path}": (DOCKER / path).read_text() for path in ("prometheus/adapter.yml", "helm/rendered.yaml")}
+    return found | {
+        f"docker/{path}": (DOCKER / path).read_text() for path in ("prometheus/adapter.yml", "helm/rendered.yaml")
+    }

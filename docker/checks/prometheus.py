@@ -101,4 +101,7 @@ def promtool(report: Report, queries: str, adapter: dict) -> None:
     with tempfile.TemporaryDirectory() as scratch:
         path = Path(scratch) / "queries.yml"
         path.write_text(yaml.safe_dump({"groups": [{"name": "queries", "rules": rules}]}))
-        report.run(f"promtool: {len(rules)} queries of the dashboard and the adapter are PromQL", [program, "check", "rules", path])
+        report.run(
+            f"promtool: {len(rules)} queries of the dashboard and the adapter are PromQL",
+            [program, "check", "rules", path],
+        )

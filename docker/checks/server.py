@@ -17,7 +17,9 @@ def check(report: Report) -> None:
     """Starts the release binary with the chart's configuration, reads its metrics, checks its health as the image does, and stops it."""
     binary = Path(os.environ.get("STEREOD", ROOT / "target/release/stereod"))
     if not binary.is_file():
-        report.skip("the binary with the chart's configuration", "target/release/stereod is not built (or name one by STEREOD=)")
+        report.skip(
+            "the binary with the chart's configuration", "target/release/stereod is not built (or name one by STEREOD=)"
+        )
         return
     objects = {one["kind"]: one for one in yaml.safe_load_all(RENDERED.read_text()) if one}
     with tempfile.TemporaryDirectory() as folder:
@@ -45,12 +47,16 @@ def check(report: Report) -> None:
             finally:
                 server.terminate()
             code = server.wait(timeout=70)
-    report.all_of("the binary takes the chart's configuration, and ends with 0", [f"it ended with {code}"] if code else [])
+    report.all_of(
+        "the binary takes the chart's configuration, and ends with 0", [f"it ended with {code}"] if code else []
+    )
     # Counters and histograms by their samples, as Prometheus sees them.
     names = {line.split("{")[0].split(" ")[0] for line in exposition.splitlines() if not line.startswith("#")}
     gone = sorted(set(metrics.listed()) - names)
     report.all_of("the binary has every metric of server/METRICS.md", [f"{name} is not there" for name in gone])
-    wrong = [f"{name}: {one}" for name, text in metrics.texts().items() for one in metrics.unknown_values(text, exposition)]
+    wrong = [
+        f"{name}: {one}" for name, text in metrics.texts().items() for one in metrics.unknown_values(text, exposition)
+    ]
     report.all_of("the binary has every value of a label that alerts and dashboard ask for", wrong)
 
 
@@ -58,10 +64,14 @@ def healthy(report: Report, url: str) -> None:
     """The image's health check, against a server that is there and one that isn't."""
     script, problems = DOCKER / "healthy", []
     port = url.rsplit(":", 1)[1]
-    there = subprocess.run([script], env={"STEREOD_HTTP": f"0.0.0.0:{port}", "PATH": os.defpath}, capture_output=True, check=False)
+    there = subprocess.run(
+        [script], env={"STEREOD_HTTP": f"0.0.0.0:{port}", "PATH": os.defpath}, capture_output=True, check=False
+    )
     if there.returncode:
         problems.append(f"it says that a ready server is not: {there.stderr.decode()}")
-    absent = subprocess.run([script], env={"STEREOD_HTTP": "0.0.0.0:1", "PATH": os.defpath}, capture_output=True, check=False)
+    absent = subprocess.run(
+        [script], env={"STEREOD_HTTP": "0.0.0.0:1", "PATH": os.defpath}, capture_output=True, check=False
+    )
     if not absent.returncode:
         problems.append("it says that an absent server is ready")
     report.all_of("docker/healthy tells a ready server from an absent one", problems)
