@@ -28,11 +28,15 @@ def check(report: Report) -> None:
     zenoh_files(report)
     for program in (["docker", "compose"], ["docker-compose"]):
         path = tool(program[0])
-        command = [path, *program[1:]] if path else None
-        if command and subprocess.run([*command, "version"], capture_output=True, check=False).returncode == 0:
+        if path is None:
+            continue
+        command = [path, *program[1:]]
+        version = subprocess.run([*command, "version", "--short"], capture_output=True, text=True, check=False)
+        # Version 1 is no longer maintained, and knows no `name`.
+        if version.returncode == 0 and not version.stdout.removeprefix("v").startswith("1."):
             report.run(f"{' '.join(program)} config", [*command, "--file", FILE, "config", "--quiet"])
             return
-    report.skip("docker compose config", "neither docker compose nor docker-compose is installed")
+    report.skip("docker compose config", "Docker Compose, version 2 or later, is not installed")
 
 
 def zenoh_files(report: Report) -> None:
