@@ -86,9 +86,8 @@ def problems(compose: dict) -> list[str]:
         for other in needed:
             if other not in services:
                 found.append(f"{name} depends on {other}, which doesn't exist")
-            elif isinstance(needed, dict) and needed[other]["condition"] == "service_healthy":
-                if "healthcheck" not in services[other]:
-                    found.append(f"{name} waits for {other}'s health, which nobody checks")
+            elif isinstance(needed, dict) and "healthcheck" not in services[other]:
+                found.append(f"{name} waits for {other}'s health, which nobody checks")
     return found + server_problems(services["server"])
 
 

@@ -57,7 +57,7 @@ def dashboard_problems(dashboard: dict) -> list[str]:
     """What Grafana would stumble over, or show wrongly."""
     source = yaml.safe_load((DOCKER / "grafana/provisioning/datasources/prometheus.yml").read_text())["datasources"][0]
     problems = []
-    taken: dict[tuple[int, int], str] = {}
+    taken: dict[tuple[int, int], tuple[str, int]] = {}
     ids = [panel["id"] for panel in dashboard["panels"]]
     if len(set(ids)) != len(ids):
         problems.append("two panels have the same id")
@@ -67,9 +67,9 @@ def dashboard_problems(dashboard: dict) -> list[str]:
             problems.append(f"{title} is beyond the right edge")
         for x in range(place["x"], place["x"] + place["w"]):
             for y in range(place["y"], place["y"] + place["h"]):
-                if other := taken.setdefault((x, y), title):
-                    if other is not title:
-                        problems.append(f"{title} overlaps {other}")
+                other, id_of_other = taken.setdefault((x, y), (title, panel["id"]))
+                if id_of_other != panel["id"]:
+                    problems.append(f"{title} overlaps {other}")
         if panel["type"] == "row":
             continue
         if not panel["targets"] or not panel["description"]:
