@@ -33,9 +33,9 @@ test: console
 	$(MAKE) test-python
 	$(MAKE) test-console
 
-# The Python client's tests, against the release binary.
+# The Python client's tests, against the release binary as all the tests build it: another selection would build everything once more.
 test-python: target/venv-python/ready
-	cargo build --release --workspace --bin stereod
+	cargo test --release --workspace --no-run
 	cd clients/python && ../../target/venv-python/bin/python -m pytest --quiet $(ARGS)
 
 # The console's tests, in a real browser on the release binary.
@@ -43,7 +43,7 @@ test-console: console
 	@if [ ! -f $(CONSOLE)/dist/index.html ]; then \
 		echo "skipped: the console's tests, it is not built"; \
 	else \
-		cargo build --release --workspace --bin stereod && cd $(CONSOLE) && npm test -- $(ARGS); \
+		cargo test --release --workspace --no-run && cd $(CONSOLE) && npm test -- $(ARGS); \
 	fi
 
 # docker/: images, compose file, alerts with their tests, dashboard, chart; says what it couldn't check here and why.
