@@ -14,7 +14,7 @@ use zenoh::Session;
 use crate::args::Args;
 use crate::{STARTED_WITHIN, progress_bar, wait_until_ready};
 
-/// How long a server may take until its session is open.
+/// Time between two looks whether the server's session is open.
 const LOOK_AGAIN: Duration = Duration::from_millis(20);
 
 /// Measures everything, prints the tables, and writes them between the markers `zenoh:begin` and `zenoh:end` of a file.
