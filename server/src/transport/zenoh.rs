@@ -18,6 +18,7 @@ mod pairing;
 mod payload;
 mod queries;
 mod results;
+mod roster;
 mod session;
 mod settings;
 

@@ -8,7 +8,7 @@ use stereo_client::{ClientError, Fleet};
 use stereo_proto::v1;
 use stereo_tests::zenoh::{Router, client};
 
-use super::network::{Network, assert_is_of_the_pair, numbered, serve, stamp, until_alive};
+use super::network::{Network, assert_is_of_the_pair, numbered, poll, serve, stamp, until_alive};
 use crate::conversation::{Server, message};
 
 const SERVERS: [&str; 3] = ["one", "two", "three"];
@@ -27,9 +27,8 @@ async fn servers(router: &Router, names: &[&'static str]) -> (BTreeMap<&'static 
         until_alive(&session, &format!("stereo/v1/alive/{name}")).await;
     }
     // The client hears of them in its own time.
-    while fleet.servers().len() < names.len() {
-        tokio::task::yield_now().await;
-    }
+    let heard = poll(async || (fleet.servers().len() == names.len()).then_some(())).await;
+    assert!(heard.is_some(), "the client knows of {:?}", fleet.servers());
     (servers, fleet)
 }
 
@@ -124,9 +123,8 @@ async fn a_camera_sends_pairs_and_single_images_and_reads_its_results() {
         .expect("an open session");
     let results = fleet.results("front").await.expect("an open session");
     let camera = fleet.camera("front").await.expect("an open session");
-    while !camera.is_served().await.expect("an open session") {
-        tokio::task::yield_now().await;
-    }
+    let served = poll(async || camera.is_served().await.expect("an open session").then_some(())).await;
+    assert!(served.is_some(), "no server takes the camera");
     let expected = network.server.good().await;
     camera.send(&numbered(1)).await.expect("an open session");
     let result = results.next().await.expect("a result");

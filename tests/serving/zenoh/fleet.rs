@@ -5,9 +5,8 @@ use std::collections::{BTreeMap, BTreeSet};
 use stereo_proto::v1;
 use stereo_tests::zenoh::{Router, client};
 use zenoh::Session;
-use zenoh::sample::SampleKind;
 
-use super::network::{Camera, numbered, serve, until_alive};
+use super::network::{Camera, numbered, poll, serve, until_alive};
 use super::settings;
 use crate::conversation::{Server, message};
 
@@ -45,31 +44,52 @@ impl Fleet {
 
     /// Waits until each camera is served by exactly one of `servers`; by which.
     async fn owners(&self, servers: &BTreeSet<&str>) -> BTreeMap<String, String> {
+        let mut last = BTreeSet::new();
+        let settled = poll(async || {
+            last = self.tokens().await;
+            let owners: BTreeMap<String, String> = last.iter().cloned().collect();
+            let is_settled = last.len() == CAMERAS.len()
+                && owners.len() == CAMERAS.len()
+                && owners.values().all(|server| servers.contains(server.as_str()));
+            is_settled.then_some(owners)
+        })
+        .await;
+        let Some(settled) = settled else {
+            panic!(
+                "{servers:?} don't share the cameras: {last:?}; {}",
+                self.views().await
+            );
+        };
+        settled
+    }
+
+    /// The cameras that are served, and by which servers, as the router knows it.
+    async fn tokens(&self) -> BTreeSet<(String, String)> {
         let tokens = self
             .session
             .liveliness()
-            .declare_subscriber("stereo/v1/owner/*/*")
-            .history(true)
+            .get("stereo/v1/owner/*/*")
             .await
             .expect("an open session");
-        let mut owners: BTreeSet<(String, String)> = BTreeSet::new();
-        loop {
-            let token = tokens.recv_async().await.expect("an open session");
+        let mut owners = BTreeSet::new();
+        while let Ok(token) = tokens.recv_async().await {
+            let token = token.into_result().expect("a token");
             let mut parts = token.key_expr().as_str().rsplit('/');
             let server = parts.next().expect("a name").to_owned();
             let camera = parts.next().expect("a name").to_owned();
-            match token.kind() {
-                SampleKind::Put => owners.insert((camera, server)),
-                SampleKind::Delete => owners.remove(&(camera, server)),
-            };
-            let settled: BTreeMap<String, String> = owners.iter().cloned().collect();
-            if owners.len() == CAMERAS.len()
-                && settled.len() == CAMERAS.len()
-                && settled.values().all(|server| servers.contains(server.as_str()))
-            {
-                return settled;
-            }
+            owners.insert((camera, server));
         }
+        owners
+    }
+
+    /// Which servers each server knows of.
+    async fn views(&self) -> String {
+        let mut views = String::new();
+        for (name, server) in &self.servers {
+            let streams = server.get("/v1/streams").await.json();
+            views += &format!("{name} knows {}; ", streams["zenoh"]["servers"]);
+        }
+        views
     }
 }
 
@@ -132,11 +152,8 @@ async fn a_frozen_server_loses_its_cameras_and_gets_them_back() {
     assert_ne!(meanwhile["a"], frozen);
     let server = fleet.servers.get_mut(frozen.as_str()).expect("a running server");
     server.process.signal("CONT").expect("a running server");
-    loop {
-        if fleet.owners(&all).await == before {
-            break;
-        }
-    }
+    let after = poll(async || (fleet.owners(&all).await == before).then_some(())).await;
+    assert!(after.is_some(), "the cameras don't come back to {frozen}");
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -148,14 +165,11 @@ async fn two_servers_of_one_name_do_not_serve_side_by_side() {
         .expect("a connection to the router");
     until_alive(&session, "stereo/v1/alive/twin").await;
     let second = serve(&router, "twin", &["--require-zenoh"]);
-    loop {
-        let network = second.get("/readyz").await.json()["zenoh"].clone();
-        if network["why"]
-            .as_str()
-            .is_some_and(|why| why.contains("--instance"))
-        {
-            break;
-        }
-        tokio::task::yield_now().await;
-    }
+    let mut network = serde_json::Value::Null;
+    let told = poll(async || {
+        network = second.get("/readyz").await.json()["zenoh"].clone();
+        let why = network["why"].as_str()?;
+        why.contains("--instance").then_some(())
+    });
+    assert!(told.await.is_some(), "{network}");
 }

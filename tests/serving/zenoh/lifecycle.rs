@@ -3,7 +3,7 @@
 use stereo_tests::zenoh::{Router, client};
 use zenoh::sample::SampleKind;
 
-use super::network::{Camera, Network, numbered, serve, until_alive};
+use super::network::{Camera, Network, numbered, poll, serve, until_alive};
 use super::queries::compute;
 use crate::conversation::{Server, message};
 
@@ -23,15 +23,14 @@ async fn a_server_starts_without_its_router_and_finds_it_when_it_comes() {
     let strict = Server::start(&[&connect[..], &["--require-zenoh", "--instance", "strict"]].concat());
     server.until_ready().await;
     assert_eq!(server.good().await.status, 200, "HTTP needs no router");
-    loop {
+    let mut why = String::new();
+    let told = poll(async || {
         let reply = strict.get("/readyz").await;
-        let why = reply.json()["why"].as_str().unwrap_or_default().to_owned();
+        why = reply.json()["why"].as_str().unwrap_or_default().to_owned();
         assert_eq!(reply.status, 503, "{why}");
-        if why.contains("router") {
-            break;
-        }
-        tokio::task::yield_now().await;
-    }
+        why.contains("router").then_some(())
+    });
+    assert!(told.await.is_some(), "{why}");
     let router = Router::start_with(&endpoint, serde_json::json!({}))
         .await
         .expect("a router on the free port");

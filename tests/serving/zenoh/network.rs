@@ -1,5 +1,7 @@
 //! A router, a server and a session of the test's, and what is said over them.
 
+use std::time::{Duration, Instant};
+
 use prost::Message;
 use stereo_proto::v1;
 use stereo_tests::zenoh::{Router, client};
@@ -56,14 +58,28 @@ impl Network {
         camera: &str,
         is_wanted: impl Fn(&serde_json::Value) -> bool,
     ) -> serde_json::Value {
-        loop {
-            let stream = self.stream(camera).await;
-            if is_wanted(&stream) {
-                return stream;
-            }
-            tokio::task::yield_now().await;
+        let mut last = serde_json::Value::Null;
+        let wanted = poll(async || {
+            last = self.stream(camera).await;
+            is_wanted(&last).then(|| last.clone())
+        });
+        match wanted.await {
+            Some(stream) => stream,
+            None => panic!("the stream doesn't become what it should: {last}"),
         }
     }
+}
+
+/// Asks again and again until there is an answer; none if there is none in two minutes, where other tests would wait for ever.
+pub(super) async fn poll<T>(mut ask: impl AsyncFnMut() -> Option<T>) -> Option<T> {
+    let until = Instant::now() + Duration::from_mins(2);
+    while Instant::now() < until {
+        if let Some(answer) = ask().await {
+            return Some(answer);
+        }
+        tokio::time::sleep(Duration::from_millis(5)).await;
+    }
+    None
 }
 
 /// A server that connects to a router.

@@ -1,5 +1,7 @@
 //! Camera streams over HTTP.
 
+use std::cell::Cell;
+
 use futures_util::StreamExt;
 use prost::Message;
 use serde_json::Value;
@@ -8,19 +10,23 @@ use stereo_proto::v1::StreamView;
 use super::network::{Camera, Network, numbered};
 use crate::conversation::png16;
 
-/// Sends frames, numbered on from `sequence`, until something has happened.
+/// Sends frames, numbered on from `sequence`, until something has happened; the last one's result is out, too, then: the next
+/// frame would end it early.
 async fn while_streaming<T>(camera: &Camera, sequence: &mut u64, something: impl Future<Output = T>) -> T {
+    let happened = Cell::new(false);
     let streaming = async {
-        loop {
+        while !happened.get() {
             *sequence += 1;
             camera.put(&numbered(*sequence)).await;
             camera.result().await;
         }
     };
-    tokio::select! {
-        () = streaming => unreachable!("a camera never ends"),
-        done = something => done,
-    }
+    let something = async {
+        let done = something.await;
+        happened.set(true);
+        done
+    };
+    tokio::join!(streaming, something).1
 }
 
 #[tokio::test(flavor = "multi_thread")]

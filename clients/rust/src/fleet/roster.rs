@@ -16,6 +16,9 @@ use crate::ClientError;
 /// A server that has not told its load for so long is frozen or cut off.
 const SILENCE: Duration = Duration::from_millis(1000);
 
+/// Servers that are remembered at one time.
+const MOST_SERVERS: usize = 4096;
+
 /// All servers, as they announce themselves.
 #[derive(Debug, Default)]
 pub(super) struct Roster(Mutex<HashMap<String, Server>>);
@@ -56,13 +59,18 @@ impl Roster {
         let Ok(load) = ServerLoad::decode(&*sample.payload().to_bytes()) else {
             return;
         };
-        if let (Some(name), Some(server)) = (name(sample), self.lock().get_mut(&load.instance))
-            && name == load.instance
-        {
-            *server = Server {
-                heard_at: Instant::now(),
-                load,
-            };
+        if name(sample) != Some(&load.instance) {
+            return;
+        }
+        // One that tells its load is there, whatever was heard of its token: the token's end and its next beginning may come by
+        // two ways, and in the wrong order.
+        let heard_at = Instant::now();
+        let mut servers = self.lock();
+        if servers.len() >= MOST_SERVERS {
+            servers.retain(|_, server| server.heard_at.elapsed() < SILENCE);
+        }
+        if servers.len() < MOST_SERVERS || servers.contains_key(&load.instance) {
+            servers.insert(load.instance.clone(), Server { heard_at, load });
         }
     }
 
