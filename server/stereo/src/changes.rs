@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 /// Columns of a bit; 64 of them are the widest image.
-const BLOCK_PX: usize = 64;
+pub(crate) const BLOCK_PX: usize = 64;
 /// Marks of a map.
 #[derive(Debug, Default)]
 pub(crate) struct Changes {

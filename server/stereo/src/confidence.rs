@@ -4,7 +4,7 @@
 //! dense rungs know as well whether the right view agrees and whether the surroundings are one surface, which tells more.
 
 use crate::ladder::Recipe;
-use crate::simd::{Kernel, Lanes, Level};
+use crate::simd::{Kernel, Lanes, Level, TABLE};
 
 /// Points of a curve, by rising x.
 pub(crate) type Curve = &'static [(f32, f32)];
@@ -40,7 +40,7 @@ impl CostScale {
         Self::new(recipe.half_confidence_at.into(), recipe.valid_up_to.into())
     }
 
-    /// `half_at` is more than 0 and less than `valid_up_to`.
+    /// `half_at` is more than 0 and less than `valid_up_to`, and that less than [`TABLE`].
     fn new(half_at: u16, valid_up_to: u16) -> Self {
         Self {
             half_at,
@@ -61,6 +61,15 @@ impl CostScale {
         for (confidence, cost) in confidence.iter_mut().zip(costs) {
             *confidence = self.of_cost(u16::from(*cost));
         }
+    }
+
+    /// Confidences of all costs that validate a pixel; of the others it is 0.
+    pub(crate) fn table(self) -> [u8; TABLE] {
+        let mut table = [0; TABLE];
+        for (confidence, cost) in table.iter_mut().zip(0..) {
+            *confidence = self.of_cost(cost);
+        }
+        table
     }
 
     #[inline(always)]

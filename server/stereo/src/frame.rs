@@ -18,7 +18,7 @@ use crate::paper::Occupancy;
 use crate::params::Params;
 use crate::plane::{CACHE_LINE, MARGIN_X, MARGIN_Y, Plane};
 use crate::propagate;
-use crate::publish::{self, Published};
+use crate::publish::{self, Before, Published, Record};
 use crate::simd::Level;
 use crate::smooth;
 use crate::support::{self, Buckets, Candidate, Support};
@@ -126,6 +126,7 @@ pub(crate) struct Frame {
     /// Where the candidates to evaluate changed.
     changes: Changes,
     lending: propagate::Scratch,
+    published: Record,
     scratch: Vec<Scratch>,
 }
 
@@ -340,7 +341,16 @@ impl Frame {
             disparity: &self.disparity,
             confidence,
         };
-        publish::publish(self.level, &maps, (shape, params), (out, replaces), join)
+        let is_plain = params.roi.is_none() && params.focus.is_empty();
+        let before = match rung.work {
+            _ if !replaces => Before::Nothing,
+            // Where regions have been, the output holds their result.
+            Work::Mesh { .. } if is_plain => Before::ResultBut(&self.changes, rung.window.radius()),
+            Work::Propagate if is_plain => Before::ResultBut(&self.changes, 0),
+            _ => Before::Result,
+        };
+        let out = (out, before, &mut self.published);
+        publish::publish(self.level, &maps, (shape, params), out, join)
     }
 
     /// Share of the pixels whose disparity explains the images badly, by the costs of mesh rungs.

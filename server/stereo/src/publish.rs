@@ -2,13 +2,18 @@
 
 use std::sync::Mutex;
 
+use block::{BLOCK, Block, Row, Rule};
+
+use crate::changes::{Blocks, Changes};
 use crate::confidence::CostScale;
-use crate::disparity::{DisparityMap, FIXED_PER_PX};
+use crate::disparity::DisparityMap;
 use crate::fork_join::{self, ForkJoin};
 use crate::frame::Window;
 use crate::image::{Roi, Shape};
-use crate::params::{Density, Params};
+use crate::params::Params;
 use crate::simd::{Kernel, Lanes, Level};
+
+mod block;
 
 /// The window's maps.
 #[derive(Debug)]
@@ -41,51 +46,78 @@ pub(crate) struct Published {
     pub(crate) changed: f32,
 }
 
-/// A disparity that moves by this much (1/64 px), or comes or goes, has changed.
-const CHANGED_FROM: u16 = FIXED_PER_PX / 4;
+/// What the output holds.
+#[derive(Debug, Clone, Copy)]
+pub(crate) enum Before<'a> {
+    /// Another frame's result, or none.
+    Nothing,
+    /// The frame's result before.
+    Result,
+    /// The same for the whole image, which is the window; only these blocks, within this reach, are not what they were then.
+    ResultBut(&'a Changes, usize),
+}
+
+/// What was counted in the last result, by blocks, so that those that stay need no look.
+#[derive(Debug, Default)]
+pub(crate) struct Record {
+    blocks: Vec<Block>,
+    all: Counts,
+}
 
 /// Fills `out`: in the region of interest, pixels that are validated get their disparity; dense output gets the mesh's
-/// plane, with confidence 0, where there is none. If it `replaces` the frame's result before, it is compared with that.
+/// plane, with confidence 0, where there is none. The frame's result `before` is compared with this one. What `record` keeps
+/// belongs to `out`.
 pub(crate) fn publish(
     level: Level,
     maps: &Maps<'_>,
     (shape, params): (Shape, &Params),
-    (out, replaces): (&mut DisparityMap, bool),
+    (out, before, record): (&mut DisparityMap, Before<'_>, &mut Record),
     join: &dyn ForkJoin,
 ) -> Published {
     let roi = params.roi.unwrap_or(Roi::full(shape));
+    let replaces = !matches!(before, Before::Nothing);
     if (roi != Roi::full(shape) && !replaces) || out.shape() != shape {
         out.reset(shape);
     }
     let width = shape.width_px();
     let rows = roi.height.div_ceil(fork_join::pieces(join));
-    let all = Mutex::new(Counts::default());
+    let across = roi.width.div_ceil(BLOCK);
+    if !matches!(before, Before::ResultBut(..)) {
+        record.blocks.clear();
+        record.blocks.resize(roi.height * across, Block::default());
+        record.all = Counts::default();
+    }
+    let news = Mutex::new(Counts::default());
     let (fixed, confidence) = out.parts_mut();
     let asked = roi.y * width..(roi.y + roi.height) * width;
     let parts = fixed[asked.clone()].chunks_mut(rows * width);
     let parts = parts.zip(confidence[asked].chunks_mut(rows * width));
-    fork_join::for_each(join, parts, |piece, (fixed, confidence)| {
+    let parts = parts.zip(record.blocks.chunks_mut(rows * across));
+    fork_join::for_each(join, parts, |piece, ((fixed, confidence), blocks)| {
         let counts = level.run(Publish {
             maps,
             roi,
             params,
-            replaces,
+            before,
             first_row: roi.y + piece * rows,
             width,
             fixed,
             confidence,
+            blocks,
         });
-        if let Ok(mut all) = all.lock() {
-            all.add(&counts);
+        if let Ok(mut news) = news.lock() {
+            news.add(&counts);
         }
     });
-    let all = all.into_inner().unwrap_or_default();
+    let news = news.into_inner().unwrap_or_default();
+    record.all.add(&news);
+    let all = &record.all;
     Published {
         asked: all.asked,
         density: share(all.answered, all.asked),
         mean_confidence: share(all.confidence, all.textured),
         changed: if replaces || all.asked == 0 {
-            share(all.changed, all.asked)
+            share(news.changed, all.asked)
         } else {
             1.0
         },
@@ -96,75 +128,77 @@ struct Publish<'a> {
     maps: &'a Maps<'a>,
     roi: Roi,
     params: &'a Params,
-    /// Whether the output holds the frame's result before.
-    replaces: bool,
+    before: Before<'a>,
     /// Whole rows of the output.
     first_row: usize,
     width: usize,
     fixed: &'a mut [u16],
     confidence: &'a mut [u8],
+    blocks: &'a mut [Block],
 }
 
 impl Kernel for Publish<'_> {
     type Output = Counts;
 
     #[inline(always)]
-    fn run<L: Lanes>(self, _: L) -> Counts {
+    fn run<L: Lanes>(self, lanes: L) -> Counts {
         let Self {
             maps,
             roi,
             params,
-            replaces,
+            before,
             first_row,
             width,
             fixed,
             confidence,
+            blocks,
         } = self;
         let window = maps.window.roi;
-        #[expect(clippy::cast_possible_truncation, reason = "between 0 and 255")]
-        #[expect(clippy::cast_sign_loss, reason = "between 0 and 255")]
-        let rule = Rule {
-            everything: u8::from(params.density == Density::Dense),
-            least_confidence: (255.0 * params.min_confidence).ceil() as u8,
-            offset: params.range.min_px * FIXED_PER_PX,
+        let scale = match maps.confidence {
+            Confidence::Known(_) => None,
+            Confidence::OfCosts(scale, _) => Some(scale),
         };
+        let rule = Rule::new(params, scale);
         let mut all = Counts::default();
         let rows = fixed
             .chunks_exact_mut(width)
-            .zip(confidence.chunks_exact_mut(width));
-        for (y, (fixed, confidence)) in (first_row..).zip(rows) {
+            .zip(confidence.chunks_exact_mut(width))
+            .zip(blocks.chunks_exact_mut(roi.width.div_ceil(BLOCK)));
+        for (y, ((fixed, confidence), blocks)) in (first_row..).zip(rows) {
             let from = (y - window.y) * window.width + roi.x - window.x;
             let span = from..from + roi.width;
             let target = roi.x..roi.x + roi.width;
-            let row = Row {
+            let mut row = Row {
                 mask: &maps.mask[span.clone()],
                 interpolated: &maps.interpolated[span.clone()],
                 disparity: &maps.disparity[span.clone()],
-                confidence: match maps.confidence {
-                    Confidence::Known(map) => Confidence::Known(&map[span]),
-                    Confidence::OfCosts(scale, map) => Confidence::OfCosts(scale, &map[span]),
+                rated: match maps.confidence {
+                    Confidence::Known(map) | Confidence::OfCosts(_, map) => &map[span],
                 },
+                fixed: &mut fixed[target.clone()],
+                confidence: &mut confidence[target],
+                changed: &mut [0; BLOCK],
             };
-            let out = (&mut fixed[target.clone()], &mut confidence[target]);
-            let counts = if replaces {
-                rule.write_row::<true>(&row, out)
-            } else {
-                rule.write_row::<false>(&row, out)
+            let wanted = match before {
+                Before::Nothing | Before::Result => Blocks::ALL,
+                Before::ResultBut(changes, reach) => changes.blocks(y, reach),
             };
-            all.add(&counts);
+            for run in wanted.runs(roi.width) {
+                let numbers = run.start / BLOCK..run.end.div_ceil(BLOCK);
+                for (number, known) in numbers.clone().zip(&mut blocks[numbers]) {
+                    let counted = rule.write(lanes, &mut row, number);
+                    all.replace(known, &counted);
+                    *known = counted;
+                }
+            }
+            all.changed += row.changed.iter().copied().map(u32::from).sum::<u32>();
         }
         all
     }
 }
 
-struct Row<'a> {
-    mask: &'a [u8],
-    interpolated: &'a [u16],
-    disparity: &'a [u16],
-    confidence: Confidence<'a>,
-}
-
-#[derive(Default)]
+/// Sums of blocks, or how much they grew, wrapping.
+#[derive(Debug, Default)]
 struct Counts {
     asked: u32,
     answered: u32,
@@ -176,124 +210,23 @@ struct Counts {
 
 impl Counts {
     fn add(&mut self, others: &Self) {
-        self.asked += others.asked;
-        self.answered += others.answered;
-        self.changed += others.changed;
-        self.textured += others.textured;
-        self.confidence += others.confidence;
+        self.asked = self.asked.wrapping_add(others.asked);
+        self.answered = self.answered.wrapping_add(others.answered);
+        self.changed = self.changed.wrapping_add(others.changed);
+        self.textured = self.textured.wrapping_add(others.textured);
+        self.confidence = self.confidence.wrapping_add(others.confidence);
     }
-}
 
-struct Rule {
-    /// 1 if pixels outside the mask and without validation are wanted too.
-    everything: u8,
-    least_confidence: u8,
-    offset: u16,
-}
-
-/// Pixels of one block: plain loops over arrays of this length become vector code. Their words fill the longest vector: what one
-/// loop stores, the next one loads as it was stored.
-const BLOCK: usize = 32;
-
-/// Counts of a row, one for each place in a block. No row has more than 128 blocks.
-struct Tally {
-    asked: [u8; BLOCK],
-    answered: [u8; BLOCK],
-    changed: [u16; BLOCK],
-    textured: [u8; BLOCK],
-    confidence: [u16; BLOCK],
-}
-
-impl Rule {
+    /// Counts `new` in the place of `old`.
     #[inline(always)]
-    fn write_row<const COMPARES: bool>(
-        &self,
-        row: &Row<'_>,
-        (fixed, confidence): (&mut [u16], &mut [u8]),
-    ) -> Counts {
-        let mut tally = Tally {
-            asked: [0; BLOCK],
-            answered: [0; BLOCK],
-            changed: [0; BLOCK],
-            textured: [0; BLOCK],
-            confidence: [0; BLOCK],
+    fn replace(&mut self, old: &Block, new: &Block) {
+        let grow = |sum: &mut u32, old: u16, new: u16| {
+            *sum = sum.wrapping_add(u32::from(new)).wrapping_sub(u32::from(old));
         };
-        let n = fixed.len();
-        if n < BLOCK {
-            for x in 0..n {
-                self.write::<1, COMPARES>(row, (x, x), (fixed, confidence), &mut tally);
-            }
-        } else {
-            // The last block overlaps the one before where the row is no multiple: single pixels are many times slower.
-            for counted in (0..n).step_by(BLOCK) {
-                let at = (counted.min(n - BLOCK), counted);
-                self.write::<BLOCK, COMPARES>(row, at, (fixed, confidence), &mut tally);
-            }
-        }
-        let sum = |counts: &[u8]| counts.iter().copied().map(u32::from).sum();
-        Counts {
-            asked: sum(&tally.asked),
-            answered: sum(&tally.answered),
-            changed: tally.changed.iter().copied().map(u32::from).sum(),
-            textured: sum(&tally.textured),
-            confidence: tally.confidence.iter().copied().map(u32::from).sum(),
-        }
-    }
-
-    /// `N` pixels from column `x` on, of which those from column `counted` on are counted.
-    #[inline(always)]
-    fn write<const N: usize, const COMPARES: bool>(
-        &self,
-        row: &Row<'_>,
-        (x, counted): (usize, usize),
-        (fixed, confidence): (&mut [u16], &mut [u8]),
-        tally: &mut Tally,
-    ) {
-        let span = x..x + N;
-        let (fixed, confidence) = (&mut fixed[span.clone()], &mut confidence[span.clone()]);
-        match row.confidence {
-            Confidence::Known(map) => confidence.copy_from_slice(&map[span.clone()]),
-            Confidence::OfCosts(scale, costs) => scale.rate(&costs[span.clone()], confidence),
-        }
-        let mask = &row.mask[span.clone()];
-        let (interpolated, disparity) = (&row.interpolated[span.clone()], &row.disparity[span]);
-        #[expect(clippy::cast_possible_truncation, reason = "less than a block")]
-        let skipped = (counted - x) as u8;
-        // Bytes and words by themselves: mixed, vectors would be taken apart and put together again and again.
-        let (mut valid, mut kept, mut counted) = ([0; N], [0; N], [0; N]);
-        for (x, place) in (0..N).zip(0u8..) {
-            let sure = confidence[x];
-            valid[x] = u8::from(sure > 0);
-            let wanted = mask[x] | self.everything;
-            kept[x] = wanted & (valid[x] | self.everything) & u8::from(sure >= self.least_confidence);
-            confidence[x] = sure & kept[x].wrapping_neg();
-            let counts = u8::from(place >= skipped);
-            tally.asked[x] += wanted & counts;
-            tally.answered[x] += kept[x] & counts;
-            let textured = mask[x] & counts;
-            tally.textured[x] += textured;
-            counted[x] = sure & textured.wrapping_neg();
-        }
-        for (all, counted) in tally.confidence.iter_mut().zip(counted) {
-            *all += u16::from(counted);
-        }
-        let mut moved = [0; N];
-        for x in 0..N {
-            let valid = u16::from(valid[x]).wrapping_neg();
-            let value = (disparity[x] & valid) | (interpolated[x] & !valid);
-            let value = (value + self.offset).max(1) & u16::from(kept[x]).wrapping_neg();
-            if COMPARES {
-                let before = fixed[x];
-                let is_moved = before.abs_diff(value) >= CHANGED_FROM;
-                moved[x] = u16::from(is_moved | ((before > 0) != (value > 0)));
-            }
-            fixed[x] = value;
-        }
-        if COMPARES {
-            for (all, moved) in tally.changed.iter_mut().zip(moved) {
-                *all += moved;
-            }
-        }
+        grow(&mut self.asked, old.asked.into(), new.asked.into());
+        grow(&mut self.answered, old.answered.into(), new.answered.into());
+        grow(&mut self.textured, old.textured.into(), new.textured.into());
+        grow(&mut self.confidence, old.confidence, new.confidence);
     }
 }
 

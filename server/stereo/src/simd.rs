@@ -15,7 +15,7 @@ mod lanes;
 mod neon;
 mod scalar;
 
-pub(crate) use lanes::{LABELS, Lanes, MOST_BYTES, MOST_PIXELS};
+pub(crate) use lanes::{LABELS, Lanes, MOST_BYTES, MOST_PIXELS, TABLE};
 
 /// Proof that this machine can run the kernels of a level.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]

@@ -8,7 +8,7 @@ use crate::fork_join::ForkJoin;
 use crate::image::{Roi, Shape, StereoPair};
 use crate::ladder::Recipe;
 use crate::params::Params;
-use crate::publish;
+use crate::publish::{self, Before, Record};
 use crate::simd::Level;
 
 /// The regions of a frame, and how far they are.
@@ -35,6 +35,7 @@ pub(crate) struct Regions {
     maps: Maps,
     /// Scratch of the mesh.
     composed: Maps,
+    published: Record,
 }
 
 /// Planes, disparities and confidences of a window.
@@ -162,7 +163,8 @@ impl Regions {
                 disparity: &self.maps.disparity,
                 confidence: publish::Confidence::Known(&self.maps.confidence),
             };
-            publish::publish(frame.level, &maps, (shape, &self.params), (out, true), join);
+            let out = (&mut *out, Before::Result, &mut self.published);
+            publish::publish(frame.level, &maps, (shape, &self.params), out, join);
         }
         let answered = out.fixed().iter().filter(|&&fixed| fixed > 0).count();
         answered as f32 / asked.max(1) as f32

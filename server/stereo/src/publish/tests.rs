@@ -1,11 +1,14 @@
 use proptest::prelude::*;
 
-use super::{Confidence, Maps, Published, publish};
+use super::{Before, Confidence, Maps, Published, Record, publish};
+use crate::changes::{Blocks, Changes};
+use crate::confidence::CostScale;
 use crate::disparity::DisparityMap;
 use crate::fork_join::Serial;
 use crate::frame::Window;
 use crate::image::{Roi, Shape};
-use crate::params::{Density, DisparityRange, Params};
+use crate::ladder::Recipe;
+use crate::params::{Density, DisparityRange, Params, Preset};
 use crate::scene::Noise;
 use crate::simd::Level;
 
@@ -41,6 +44,17 @@ impl Scene {
         Self::new(&mut Noise::new(seed), shape, Roi::full(shape))
     }
 
+    /// Its maps, the confidences being costs.
+    fn of_costs<'a>(&'a self, scale: CostScale, mask: &'a [u8]) -> Maps<'a> {
+        Maps {
+            window: self.window,
+            mask,
+            interpolated: &self.interpolated,
+            disparity: &self.disparity,
+            confidence: Confidence::OfCosts(scale, &self.confidence),
+        }
+    }
+
     fn publish(&self, params: &Params) -> (DisparityMap, Published) {
         let maps = Maps {
             window: self.window,
@@ -57,7 +71,7 @@ impl Scene {
             Level::detect(),
             &maps,
             (self.shape, params),
-            (&mut out, false),
+            (&mut out, Before::Nothing, &mut Record::default()),
             &Serial,
         );
         (out, published)
@@ -144,7 +158,7 @@ fn a_map_of_another_shape_takes_the_shape_of_the_result() {
         Level::detect(),
         &maps,
         (scene.shape, &Params::default()),
-        (&mut out, false),
+        (&mut out, Before::Nothing, &mut Record::default()),
         &Serial,
     );
     assert_eq!(out, scene.publish(&Params::default()).0);
@@ -174,7 +188,13 @@ fn pixels_that_move_by_a_quarter_come_or_go_have_changed() {
     };
     for level in Level::available() {
         let mut out = out.clone();
-        let published = publish(level, &maps, (scene.shape, &params), (&mut out, true), &Serial);
+        let published = publish(
+            level,
+            &maps,
+            (scene.shape, &params),
+            (&mut out, Before::Result, &mut Record::default()),
+            &Serial,
+        );
         assert_eq!(published.changed, 14.0 / (64.0 * 40.0), "{}", level.name());
         assert_eq!(out, scene.publish(&params).0);
     }
@@ -187,8 +207,73 @@ fn pixels_that_move_by_a_quarter_come_or_go_have_changed() {
         Level::detect(),
         &maps,
         (scene.shape, &params),
-        (&mut out, true),
+        (&mut out, Before::Result, &mut Record::default()),
         &Serial,
     );
     assert_eq!((nothing.changed, nothing.density), (0.0, 0.0));
+}
+
+#[test]
+fn blocks_that_stay_are_left_alone_and_what_is_counted_is_the_same() {
+    for (width, height) in [(32, 40), (100, 33), (64, 32), (300, 50)] {
+        let (shape, mut noise) = (Shape::new(width, height).unwrap(), Noise::new(width as u64));
+        let mut scene = Scene::new(&mut noise, shape, Roi::full(shape));
+        let scale = CostScale::of(Recipe::of(Preset::Fast));
+        let mut changes = Changes::default();
+        changes.reset(height);
+        for (density, min_confidence) in [(Density::SemiDense, 0.0), (Density::Dense, 0.6)] {
+            let params = Params {
+                density,
+                min_confidence,
+                ..Params::fast()
+            };
+            let of = (shape, &params);
+            for level in Level::available() {
+                let (mut out, mut record) = (DisparityMap::new(shape), Record::default());
+                let first = (&mut out, Before::Nothing, &mut record);
+                publish(level, &scene.of_costs(scale, &scene.mask), of, first, &Serial);
+                changes.reset(height);
+                for _ in 0..20 {
+                    let (x, y) = (noise.below(width), noise.below(height));
+                    changes.mark(y, x, x);
+                    let at = y * width + x;
+                    scene.disparity[at] = (scene.disparity[at] + 100) % 4000;
+                    scene.interpolated[at] = 700;
+                    scene.confidence[at] = scene.confidence[at].wrapping_add(60);
+                }
+                let (mut whole, mut ignored) = (out.clone(), Record::default());
+                let all = (&mut whole, Before::Result, &mut ignored);
+                let expected = publish(level, &scene.of_costs(scale, &scene.mask), of, all, &Serial);
+                // Where nothing is marked, nothing is looked at.
+                let mut mask = scene.mask.clone();
+                for run in (0..height).filter(|y| changes.blocks(*y, 0) == Blocks::NONE) {
+                    mask[run * width..][..width].fill(0);
+                }
+                let some = (&mut out, Before::ResultBut(&changes, 0), &mut record);
+                let published = publish(level, &scene.of_costs(scale, &mask), of, some, &Serial);
+                assert_eq!(published, expected, "{width} at {}", level.name());
+                assert!(out == whole, "{width} at {}", level.name());
+            }
+        }
+    }
+}
+
+#[test]
+fn costs_are_worth_what_their_scale_says_at_every_level() {
+    let shape = Shape::new(64, 40).unwrap();
+    let mut scene = Scene::new(&mut Noise::new(8), shape, Roi::full(shape));
+    scene.mask.fill(1);
+    for (cost, number) in scene.confidence.iter_mut().zip(0usize..) {
+        *cost = u8::try_from(number % 256).unwrap();
+    }
+    let scale = CostScale::of(Recipe::of(Preset::Default));
+    let mut expected = vec![0; scene.confidence.len()];
+    scale.rate(&scene.confidence, &mut expected);
+    for level in Level::available() {
+        let maps = scene.of_costs(scale, &scene.mask);
+        let (mut out, params) = (DisparityMap::new(shape), Params::default());
+        let output = (&mut out, Before::Nothing, &mut Record::default());
+        publish(level, &maps, (shape, &params), output, &Serial);
+        assert!(out.confidence() == expected, "{}", level.name());
+    }
 }

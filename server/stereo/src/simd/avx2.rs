@@ -1,15 +1,16 @@
 //! AVX2: two pixels a vector.
 
 use std::arch::x86_64::{
-    __m256i, _mm_cvtsi128_si32, _mm_loadu_si128, _mm_min_epu16, _mm_minpos_epu16, _mm_storeu_si128,
-    _mm256_abs_epi16, _mm256_add_epi8, _mm256_add_epi16, _mm256_adds_epu8, _mm256_and_si256, _mm256_avg_epu8,
-    _mm256_blendv_epi8, _mm256_broadcastsi128_si256, _mm256_bslli_epi128, _mm256_bsrli_epi128,
-    _mm256_castsi256_si128, _mm256_cmpeq_epi8, _mm256_cmpeq_epi16, _mm256_cmpgt_epi16, _mm256_cvtepu8_epi16,
-    _mm256_extracti128_si256, _mm256_loadu_si256, _mm256_max_epu8, _mm256_max_epu16, _mm256_min_epu8,
-    _mm256_min_epu16, _mm256_movemask_epi8, _mm256_or_si256, _mm256_permute2x128_si256, _mm256_set_m128i,
-    _mm256_set1_epi8, _mm256_set1_epi16, _mm256_setr_epi8, _mm256_setr_epi16, _mm256_shuffle_epi8,
-    _mm256_shuffle_epi32, _mm256_slli_epi16, _mm256_srli_epi16, _mm256_storeu_si256, _mm256_sub_epi8,
-    _mm256_sub_epi16, _mm256_subs_epu8, _mm256_unpackhi_epi8, _mm256_unpacklo_epi8, _mm256_xor_si256,
+    __m256i, _mm_add_epi32, _mm_cvtsi128_si32, _mm_loadu_si128, _mm_min_epu16, _mm_minpos_epu16,
+    _mm_storeu_si128, _mm_unpackhi_epi64, _mm256_abs_epi16, _mm256_add_epi8, _mm256_add_epi16,
+    _mm256_adds_epu8, _mm256_and_si256, _mm256_avg_epu8, _mm256_blendv_epi8, _mm256_broadcastsi128_si256,
+    _mm256_bslli_epi128, _mm256_bsrli_epi128, _mm256_castsi256_si128, _mm256_cmpeq_epi8, _mm256_cmpeq_epi16,
+    _mm256_cmpgt_epi16, _mm256_cvtepu8_epi16, _mm256_extracti128_si256, _mm256_loadu_si256, _mm256_max_epu8,
+    _mm256_max_epu16, _mm256_min_epu8, _mm256_min_epu16, _mm256_movemask_epi8, _mm256_or_si256,
+    _mm256_permute2x128_si256, _mm256_sad_epu8, _mm256_set_m128i, _mm256_set1_epi8, _mm256_set1_epi16,
+    _mm256_setr_epi8, _mm256_setr_epi16, _mm256_setzero_si256, _mm256_shuffle_epi8, _mm256_shuffle_epi32,
+    _mm256_slli_epi16, _mm256_srli_epi16, _mm256_storeu_si256, _mm256_sub_epi8, _mm256_sub_epi16,
+    _mm256_subs_epu8, _mm256_unpackhi_epi8, _mm256_unpacklo_epi8, _mm256_xor_si256,
 };
 
 use super::Kernel;
@@ -224,6 +225,21 @@ impl Lanes for Avx2 {
             }
         }
         found
+    }
+
+    #[inline(always)]
+    fn total(self, v: __m256i) -> u32 {
+        // SAFETY: `self` proves that AVX2 is there.
+        unsafe {
+            let eights = _mm256_sad_epu8(v, _mm256_setzero_si256());
+            let (low, high) = (
+                _mm256_castsi256_si128(eights),
+                _mm256_extracti128_si256::<1>(eights),
+            );
+            let twos = _mm_add_epi32(low, high);
+            let one = _mm_add_epi32(twos, _mm_unpackhi_epi64(twos, twos));
+            _mm_cvtsi128_si32(one).cast_unsigned()
+        }
     }
 
     #[inline(always)]

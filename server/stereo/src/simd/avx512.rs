@@ -11,11 +11,11 @@ use std::arch::x86_64::{
     _mm512_loadu_si512, _mm512_mask_add_epi8, _mm512_mask_min_epu16, _mm512_mask_storeu_epi16,
     _mm512_maskz_shuffle_epi8, _mm512_max_epi32, _mm512_max_epu8, _mm512_max_epu16, _mm512_min_epi32,
     _mm512_min_epu8, _mm512_min_epu16, _mm512_movm_epi8, _mm512_mullo_epi32, _mm512_permutex2var_epi8,
-    _mm512_permutex2var_epi16, _mm512_permutexvar_epi8, _mm512_popcnt_epi8, _mm512_rol_epi32,
-    _mm512_set1_epi8, _mm512_set1_epi16, _mm512_set1_epi32, _mm512_setr_epi32, _mm512_setzero_si512,
-    _mm512_shuffle_epi8, _mm512_shuffle_epi32, _mm512_srli_epi16, _mm512_storeu_si512, _mm512_sub_epi8,
-    _mm512_sub_epi16, _mm512_subs_epu8, _mm512_ternarylogic_epi64, _mm512_unpackhi_epi8,
-    _mm512_unpacklo_epi8, _mm512_xor_si512,
+    _mm512_permutex2var_epi16, _mm512_permutexvar_epi8, _mm512_popcnt_epi8, _mm512_reduce_add_epi32,
+    _mm512_rol_epi32, _mm512_sad_epu8, _mm512_set1_epi8, _mm512_set1_epi16, _mm512_set1_epi32,
+    _mm512_setr_epi32, _mm512_setzero_si512, _mm512_shuffle_epi8, _mm512_shuffle_epi32, _mm512_srli_epi16,
+    _mm512_storeu_si512, _mm512_sub_epi8, _mm512_sub_epi16, _mm512_subs_epu8, _mm512_ternarylogic_epi64,
+    _mm512_unpackhi_epi8, _mm512_unpacklo_epi8, _mm512_xor_si512,
 };
 
 use super::Kernel;
@@ -254,6 +254,16 @@ impl Lanes for Avx512 {
         let (low, high) = (self.load(table), self.load(&table[Self::BYTES..]));
         // SAFETY: `self` proves that AVX-512 is there.
         unsafe { _mm512_permutex2var_epi8(low, which, high) }
+    }
+
+    #[inline(always)]
+    fn total(self, v: __m512i) -> u32 {
+        // SAFETY: `self` proves that AVX-512 is there.
+        unsafe {
+            let eights = _mm512_sad_epu8(v, _mm512_setzero_si512());
+            // Every eight bytes have a small sum, whose upper half is 0.
+            _mm512_reduce_add_epi32(eights).cast_unsigned()
+        }
     }
 
     #[inline(always)]

@@ -5,6 +5,9 @@ pub(crate) const LABELS: usize = 16;
 /// Bytes of the widest vector there is.
 pub(crate) const MOST_BYTES: usize = 64;
 
+/// Bytes of a table for `lookup_or_zero`.
+pub(crate) const TABLE: usize = 128;
+
 /// Pixels of the widest vector.
 pub(crate) const MOST_PIXELS: usize = 4;
 
@@ -76,6 +79,21 @@ pub(crate) trait Lanes: Copy {
     fn label_above(self, v: Self::V) -> Self::V;
     /// Byte i becomes `table[which[i]]`; `table` has at least `TABLE` bytes, and every index is below `TABLE`.
     fn lookup(self, table: &[u8], which: Self::V) -> Self::V;
+    /// Byte i becomes `table[which[i]]`, 0 beyond the table.
+    #[inline(always)]
+    fn lookup_or_zero(self, table: &[u8; TABLE], which: Self::V) -> Self::V {
+        let mut found = self.splat(0);
+        for (part, first) in table.chunks_exact(Self::TABLE).zip((0u8..).step_by(Self::TABLE)) {
+            let within = self.sub(which, self.splat(first));
+            #[expect(clippy::cast_possible_truncation, reason = "a table has 128 bytes at most")]
+            let is_here = self.equal(self.min(within, self.splat((Self::TABLE - 1) as u8)), within);
+            let here = self.lookup(part, self.and(within, is_here));
+            found = self.select(is_here, here, found);
+        }
+        found
+    }
+    /// Sum of all bytes.
+    fn total(self, v: Self::V) -> u32;
     /// The largest label of each pixel, for all its labels.
     fn largest(self, v: Self::V) -> Self::V;
 

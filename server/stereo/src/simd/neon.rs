@@ -1,9 +1,9 @@
 //! NEON, which every 64-bit ARM has: one pixel a vector.
 
 use std::arch::aarch64::{
-    uint8x16_t, uint8x16x2_t, vaddq_u8, vandq_u8, vbslq_u8, vceqq_u8, vcntq_u8, vdupq_n_u8, veorq_u8,
-    vextq_u8, vld1q_u8, vmaxq_u8, vmaxvq_u8, vminq_u8, vqaddq_u8, vqsubq_u8, vqtbl1q_u8, vqtbl2q_u8,
-    vrev64q_u8, vrhaddq_u8, vshrq_n_u8, vst1q_u8, vsubq_u8, vzip1q_u8, vzip2q_u8,
+    uint8x16_t, uint8x16x2_t, vaddlvq_u8, vaddq_u8, vandq_u8, vbslq_u8, vceqq_u8, vcntq_u8, vdupq_n_u8,
+    veorq_u8, vextq_u8, vld1q_u8, vmaxq_u8, vmaxvq_u8, vminq_u8, vqaddq_u8, vqsubq_u8, vqtbl1q_u8,
+    vqtbl2q_u8, vrev64q_u8, vrhaddq_u8, vshrq_n_u8, vst1q_u8, vsubq_u8, vzip1q_u8, vzip2q_u8,
 };
 
 use super::lanes::{LABELS, Lanes, MOST_PIXELS};
@@ -136,6 +136,12 @@ impl Lanes for Neon {
         let table = uint8x16x2_t(self.load(table), self.load(&table[LABELS..]));
         // SAFETY: NEON is part of the target.
         unsafe { vqtbl2q_u8(table, which) }
+    }
+
+    #[inline(always)]
+    fn total(self, v: uint8x16_t) -> u32 {
+        // SAFETY: NEON is part of the target.
+        unsafe { u32::from(vaddlvq_u8(v)) }
     }
 
     #[inline(always)]

@@ -1,6 +1,6 @@
 //! One pixel at a time, reading like the definitions.
 
-use super::lanes::{LABELS, Lanes, MOST_PIXELS};
+use super::lanes::{LABELS, Lanes, MOST_PIXELS, TABLE};
 
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Scalar;
@@ -165,6 +165,16 @@ impl Lanes for Scalar {
     fn lookup(self, table: &[u8], which: Labels) -> Labels {
         let table = &table[..Self::TABLE];
         which.map(|at| table[usize::from(at)])
+    }
+
+    #[inline(always)]
+    fn lookup_or_zero(self, table: &[u8; TABLE], which: Labels) -> Labels {
+        which.map(|which| table.get(usize::from(which)).copied().unwrap_or(0))
+    }
+
+    #[inline(always)]
+    fn total(self, v: Labels) -> u32 {
+        v.into_iter().map(u32::from).sum()
     }
 
     #[inline(always)]
