@@ -91,8 +91,8 @@ pub(crate) struct Census {
 }
 
 impl Census {
-    /// Room for `image`'s codes.
-    pub(crate) fn reshape(&mut self, pattern: Pattern, image: &Plane, mirrored: bool) {
+    /// Room for the codes of `height` rows like `image`'s.
+    pub(crate) fn reshape(&mut self, pattern: Pattern, image: &Plane, height: usize, mirrored: bool) {
         self.mirrored = mirrored;
         let (left, right) = (
             image.margin_left(),
@@ -101,7 +101,7 @@ impl Census {
         let (left, right) = if mirrored { (right, left) } else { (left, right) };
         self.planes.resize_with(pattern.planes().len(), Plane::default);
         for plane in &mut self.planes {
-            plane.reshape(image.width(), image.height(), left, right);
+            plane.reshape(image.width(), height, left, right);
             plane.fill(OUTSIDE);
         }
     }
@@ -136,6 +136,11 @@ impl Census {
     /// The planes, each of the same shape.
     pub(crate) fn planes(&self) -> &[Plane] {
         &self.planes
+    }
+
+    /// Rows of the view.
+    pub(crate) fn height(&self) -> usize {
+        self.planes[0].height()
     }
 
     /// Where column `x` of the view is within a row.

@@ -67,7 +67,8 @@ impl Side {
     fn shrink(&mut self, level: Level, of: &Plane, mirrored: bool, inside: Range<usize>) {
         let pattern = Pattern::Sparse9x7First;
         self.image.halve(level, of);
-        self.census.reshape(pattern, &self.image, mirrored);
+        self.census
+            .reshape(pattern, &self.image, self.image.height(), mirrored);
         self.census.compute(level, pattern, &self.image, halved(&inside));
     }
 }

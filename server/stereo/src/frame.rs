@@ -192,22 +192,24 @@ struct View<'a> {
 }
 
 /// Rows that are taken in at a time, while they are in the cache.
-const ROWS_AT_A_TIME: usize = 16;
+const ROWS_AT_A_TIME: usize = 32;
 
 impl View<'_> {
-    /// Copies the view; its codes and gradients follow as soon as the rows they look at are there.
+    /// Copies the view, or one piece of it after the other into the same place; codes and gradients follow as soon as the
+    /// rows they look at are there.
     fn take_in(mut self, level: Level, pattern: Pattern) {
-        let (height, padded_height) = (self.plane.height(), self.plane.padded_height());
+        let height = self.census.height();
+        let is_kept = self.plane.height() == height;
         let mut copied = 0;
         for top in (0..height).step_by(ROWS_AT_A_TIME) {
             let rows = top..(top + ROWS_AT_A_TIME).min(height);
-            let needed = if rows.end == height {
-                padded_height
+            if is_kept {
+                let needed = rows.end + 2 * MARGIN_Y;
+                self.plane.copy_from(&self.source, self.origin, copied..needed);
+                copied = needed;
             } else {
-                rows.end + 2 * MARGIN_Y
-            };
-            self.plane.copy_from(&self.source, self.origin, copied..needed);
-            copied = needed;
+                self.plane.show(&self.source, self.origin, top);
+            }
             if let Some(gradient) = &mut self.gradient {
                 gradient.compute(level, self.plane, rows.clone());
             }
@@ -225,11 +227,18 @@ impl Frame {
         let Roi { width, height, .. } = self.window.roi;
         // Every row begins with a cache line.
         let margins = (2 * MARGIN_X + self.window.disparities + width).next_multiple_of(CACHE_LINE) - width;
-        self.left.reshape(width, height, MARGIN_X, margins - MARGIN_X);
+        let held = if recipe.looks_back() {
+            height
+        } else {
+            height.min(ROWS_AT_A_TIME)
+        };
+        self.left.reshape(width, held, MARGIN_X, margins - MARGIN_X);
         let left = self.window.disparities + MARGIN_X;
-        self.right.reshape(width, height, left, margins - left);
-        self.left_census.reshape(recipe.pattern, &self.left, false);
-        self.right_census.reshape(recipe.pattern, &self.right, true);
+        self.right.reshape(width, held, left, margins - left);
+        self.left_census
+            .reshape(recipe.pattern, &self.left, height, false);
+        self.right_census
+            .reshape(recipe.pattern, &self.right, height, true);
         self.gradient.reshape(width, height);
         self.buckets.reshape(width, height);
         for map in [&mut self.interpolated, &mut self.proposed, &mut self.disparity] {

@@ -27,8 +27,10 @@ pub(crate) enum Work {
     /// One iteration of ours: search the strongest (from the second on: the strongest badly explained) pixel of each
     /// cell, insert it into the mesh, validate what changed.
     Mesh {
-        /// Side of a cell in px.
+        /// Side of a cell in px, a power of two.
         cell_px: usize,
+        /// Badly explained pixels that make a cell worth a search, from the second iteration on.
+        unexplained_px: usize,
     },
     /// Badly explained pixels try their neighbours' disparities.
     Propagate,
@@ -72,10 +74,13 @@ pub(crate) struct Recipe {
     pub(crate) rungs: &'static [Rung],
 }
 
-const fn mesh(name: &'static str, cell_px: usize) -> Rung {
+const fn mesh(name: &'static str, cell_px: usize, unexplained_px: usize) -> Rung {
     Rung {
         name,
-        work: Work::Mesh { cell_px },
+        work: Work::Mesh {
+            cell_px,
+            unexplained_px,
+        },
         window: Window::Side5,
     }
 }
@@ -108,12 +113,12 @@ const MESH: Recipe = Recipe {
     confident_below: 62,
     half_confidence_at: 75,
     estimate: &[(0.0, 0.0), (90.0, 0.7), (160.0, 0.87), (254.0, 0.99)],
-    rungs: &[mesh("mesh-16", 16)],
+    rungs: &[mesh("mesh-16", 16, 32)],
 };
 
 static DEFAULT: Recipe = Recipe {
     rungs: &[
-        mesh("mesh", 16),
+        mesh("mesh", 16, 32),
         Rung {
             name: "half",
             work: Work::HalfBand,
@@ -130,9 +135,9 @@ static DEFAULT: Recipe = Recipe {
 
 static FAST: Recipe = Recipe {
     rungs: &[
-        mesh("mesh-16", 16),
-        mesh("mesh-8", 8),
-        mesh("mesh-4", 4),
+        mesh("mesh-16", 16, 32),
+        mesh("mesh-8", 8, 20),
+        mesh("mesh-4", 4, 8),
         Rung {
             name: "propagate",
             work: Work::Propagate,
@@ -169,6 +174,12 @@ static PAPER: Recipe = Recipe {
 };
 
 impl Recipe {
+    /// Whether the views are needed again once their codes and gradients are known.
+    pub(crate) fn looks_back(&self) -> bool {
+        let looks_back = |rung: &Rung| matches!(rung.work, Work::HalfBand | Work::Paper { .. });
+        self.rungs.iter().any(looks_back)
+    }
+
     pub(crate) fn of(preset: Preset) -> &'static Self {
         match preset {
             Preset::Default => &DEFAULT,

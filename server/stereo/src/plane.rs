@@ -22,6 +22,8 @@ pub(crate) struct Plane {
     height: usize,
     margin_left: usize,
     stride: usize,
+    /// Which row the first one is: of a view taken in piece by piece, the rest is not there.
+    first_row: usize,
 }
 
 impl Plane {
@@ -30,6 +32,7 @@ impl Plane {
         self.width = width;
         self.height = height;
         self.margin_left = margin_left;
+        self.first_row = 0;
         self.stride = margin_left + width + margin_right;
         self.data
             .resize(self.stride * (height + 2 * MARGIN_Y) + CACHE_LINE, 0);
@@ -63,7 +66,7 @@ impl Plane {
 
     /// Row `y + dy` with its margins, for `dy` within [`MARGIN_Y`].
     pub(crate) fn row(&self, y: usize, dy: i8) -> &[u8] {
-        self.padded_row((y + MARGIN_Y).wrapping_add_signed(isize::from(dy)))
+        self.padded_row((y + MARGIN_Y - self.first_row).wrapping_add_signed(isize::from(dy)))
     }
 
     /// All rows one after another, margins included.
@@ -113,6 +116,12 @@ impl Plane {
             row[before..before + inside].copy_from_slice(&source[from..from + inside]);
             row[before + inside..].fill(source[source.len() - 1]);
         }
+    }
+
+    /// The same for all of its rows and margins, row 0 becoming row `first_row`.
+    pub(crate) fn show(&mut self, view: &GrayView<'_>, (left_px, top_px): (isize, usize), first_row: usize) {
+        self.copy_from(view, (left_px, top_px + first_row), 0..self.padded_height());
+        self.first_row = first_row;
     }
 
     /// Rows, margins included.

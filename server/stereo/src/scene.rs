@@ -111,7 +111,7 @@ impl Views {
             plane.reshape(width, image.height, margins[0], margins[1]);
             let rows = 0..plane.padded_height();
             plane.copy_from(&image.view(), (x.cast_signed(), 0), rows);
-            census.reshape(pattern, &plane, mirrored);
+            census.reshape(pattern, &plane, plane.height(), mirrored);
             let end = (image.width + margins[0] - x).min(plane.stride());
             census.compute(
                 Level::detect(),

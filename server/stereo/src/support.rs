@@ -1,7 +1,7 @@
 //! Support points: which pixels are searched for, and which matches are kept.
 
 use crate::gradient::Gradient;
-use crate::simd::{Kernel, Lanes, Level};
+use crate::simd::{Kernel, Lanes, Level, MOST_BYTES};
 
 /// A pixel of the left view to be searched for.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -23,8 +23,6 @@ pub(crate) struct Support {
 
 /// Least |gx| / 4 of a candidate.
 const MIN_STRENGTH: u8 = 4;
-/// Unexplained pixels, for each px of its side, that make a cell worth a search.
-const UNEXPLAINED_PX: usize = 2;
 /// Candidates keep this distance from the border, so that every tap sees real pixels.
 pub(crate) const BORDER_PX: usize = 4;
 
@@ -35,14 +33,16 @@ pub(crate) struct Unexplained<'a> {
     pub(crate) cost: &'a [u8],
     /// Largest cost of an explained pixel.
     pub(crate) explained_up_to: u8,
+    /// So many of them make a cell worth a search; at most 255.
+    pub(crate) enough: usize,
 }
 
-/// In every cell of `cell_px` x `cell_px` of a window of `width` x `height`, the pixel with the strongest horizontal
+/// In every cell of `cell_px` x `cell_px` (a power of two) of a window of `width` x `height`, the pixel with the strongest horizontal
 /// gradient, in snake order of the cells: neighbours in the list are neighbours in the image, which is what incremental
 /// triangulation likes.
 ///
-/// With `unexplained`, only those pixels count, and only cells with at least [`UNEXPLAINED_PX`] of them for each px of their side. This is the paper's
-/// C_b with another choice within the cell: the pixel that can be matched best, not the one that matches worst.
+/// With `unexplained`, only those pixels count, and only cells with enough of them. This is the paper's C_b with another
+/// choice within the cell: the pixel that can be matched best, not the one that matches worst.
 pub(crate) fn strongest_per_cell(
     level: Level,
     gradient: &Gradient,
@@ -67,6 +67,8 @@ pub(crate) fn strongest_per_cell(
 pub(crate) struct Scratch {
     best: Vec<u16>,
     eligible: Vec<u8>,
+    /// How many are eligible in as many columns as two cells have, at most, from each column on.
+    counts: Vec<u8>,
     /// Costs of a row where everything counts as unexplained.
     everything: Vec<u8>,
 }
@@ -94,19 +96,20 @@ impl Kernel for Strongest<'_> {
             found,
         } = self;
         found.clear();
-        let enough = if unexplained.is_some() {
-            UNEXPLAINED_PX * cell_px
-        } else {
-            1
-        };
+        let enough = unexplained.map_or(1, |pixels| pixels.enough);
         // Whole rows at a time, so that there is nothing to decide pixel by pixel.
         let Scratch {
             best,
             eligible,
+            counts,
             everything,
         } = scratch;
+        let padded = (width + cell_px).next_multiple_of(MOST_BYTES);
         best.resize(width, 0);
-        eligible.resize(width, 0);
+        for row in [&mut *eligible, &mut *counts] {
+            row.clear();
+            row.resize(padded, 0);
+        }
         everything.resize(width, u8::MAX);
         for (row_of_cells, top) in (0..height).step_by(cell_px).enumerate() {
             best.fill(0);
@@ -121,7 +124,7 @@ impl Kernel for Strongest<'_> {
                 let earliness = u16::try_from(top + cell_px - 1 - y).unwrap_or(0);
                 let columns = best
                     .iter_mut()
-                    .zip(&mut *eligible)
+                    .zip(&mut eligible[..width])
                     .zip(strengths.iter().zip(costs));
                 for ((best, eligible), (strength, cost)) in columns {
                     let counts = u8::from(*strength >= MIN_STRENGTH) & u8::from(*cost > explained_up_to);
@@ -134,14 +137,20 @@ impl Kernel for Strongest<'_> {
                 eligible[border.clone()].fill(0);
                 best[border].fill(0);
             }
-            let start = found.len();
-            let cells = eligible.chunks(cell_px).zip(best.chunks(cell_px));
-            for (column, (eligible, best)) in cells.enumerate() {
-                let mut count = 0;
-                for &n in eligible {
-                    count += usize::from(n);
+            // Of one column, then of two, then of four, so that it takes as few steps as a cell's side has bits.
+            let mut step = 1;
+            while step < cell_px {
+                let n = padded - step;
+                let sums = eligible[..n].iter().zip(&eligible[step..]);
+                for (count, (here, there)) in counts[..n].iter_mut().zip(sums) {
+                    *count = here.saturating_add(*there);
                 }
-                if count < enough {
+                std::mem::swap(eligible, counts);
+                step *= 2;
+            }
+            let start = found.len();
+            for (column, best) in best.chunks(cell_px).enumerate() {
+                if usize::from(eligible[column * cell_px]) < enough {
                     continue;
                 }
                 // Of equals the first column, `max_by_key` being for the last.

@@ -38,7 +38,7 @@ proptest! {
         let image = Image::noise(&mut Noise::new(seed), width, height, levels);
         let plane = image.padded(MARGIN_X + before, MARGIN_X + after);
         let mut census = Census::default();
-        census.reshape(pattern, &plane, mirrored);
+        census.reshape(pattern, &plane, plane.height(), mirrored);
         census.compute(Level::detect(), pattern, &plane, first..end);
         prop_assert_eq!(census.planes().len() * 8, pattern.bits());
         // The outermost half margins have no codes: their neighbours may not exist.
@@ -65,7 +65,7 @@ fn a_mirrored_row_runs_from_right_to_left() {
     let plane = Image::noise(&mut Noise::new(5), 20, 3, 256).padded(MARGIN_X, MARGIN_X + 32);
     let [straight, mirrored] = [false, true].map(|mirrored| {
         let mut census = Census::default();
-        census.reshape(Pattern::Sparse9x7, &plane, mirrored);
+        census.reshape(Pattern::Sparse9x7, &plane, plane.height(), mirrored);
         census.compute(Level::detect(), Pattern::Sparse9x7, &plane, 0..plane.stride());
         census
     });

@@ -29,11 +29,15 @@ impl Frame {
             Work::Propagate => return Stage::Propagate,
             Work::HalfBand => return Stage::Dense(dense::Part::Shrink),
             Work::Full => return Stage::Evaluate { row: 0 },
-            Work::Mesh { cell_px } => {
+            Work::Mesh {
+                cell_px,
+                unexplained_px,
+            } => {
                 let size = (self.width(), self.height());
                 let unexplained = Unexplained {
                     cost: &self.cost,
                     explained_up_to: recipe.confident_below,
+                    enough: unexplained_px,
                 };
                 let unexplained = (!is_first).then_some(unexplained);
                 support::strongest_per_cell(
@@ -97,7 +101,7 @@ impl Frame {
                 });
             }
         }
-        if let (Work::Mesh { cell_px }, 0) = (rung.work, self.rasterised_vertices) {
+        if let (Work::Mesh { cell_px, .. }, 0) = (rung.work, self.rasterised_vertices) {
             let size = (self.width(), self.height());
             support::thin(&mut self.fresh, size, cell_px, &mut self.cells);
         }
