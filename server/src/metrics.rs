@@ -91,6 +91,7 @@ pub(crate) struct Metrics {
     stream_images_unpaired: Family<Label, Counter>,
     pub(crate) stream_results_unsent: Counter,
     zenoh_payloads: Family<Label, Counter>,
+    zenoh_results: Family<Label, Counter>,
     pub(crate) draining: Gauge,
 }
 
@@ -228,6 +229,11 @@ impl Metrics {
                 "Frames, images and requests received over Zenoh, by the way they came",
                 ["shared_memory", "network"].map(|way| [("way", way)]),
             ),
+            zenoh_results: book.counters(
+                "zenoh_results",
+                "Results and replies sent over Zenoh, by the way they left: shared_memory (who is on another host gets a copy), network, no_room (network, because shared memory was full or missing)",
+                ["shared_memory", "network", "no_room"].map(|way| [("way", way)]),
+            ),
             draining: book.plain("draining", "1 while the server is stopping and takes no new work", Gauge::default()),
             registry: book.close(),
         }
@@ -306,6 +312,11 @@ impl Metrics {
     /// Something came over Zenoh.
     pub(crate) fn zenoh_payload(&self, way: &'static str) {
         self.zenoh_payloads.get_or_create(&[("way", way)]).inc();
+    }
+
+    /// A result or a reply left over Zenoh.
+    pub(crate) fn zenoh_result(&self, way: &'static str) {
+        self.zenoh_results.get_or_create(&[("way", way)]).inc();
     }
 
     /// The scheduler took this long to admit a frame or to refuse it.

@@ -53,8 +53,10 @@ impl Fleet {
             "mode": "client",
             "connect": { "endpoints": endpoints },
             "scouting": { "multicast": { "enabled": false } },
+            // Pieces of large messages that may wait for the link: with Zenoh's own 2, sender and link take turns.
+            "transport": { "link": { "tx": { "queue": { "size": { "data": 16 } } } },
             // Queries over implicit shared memory can be lost under load.
-            "transport": { "shared_memory": { "transport_optimization": { "messages": ["put"] } } },
+            "shared_memory": { "transport_optimization": { "messages": ["put"] } } },
         });
         let config = zenoh::Config::from_json5(&config.to_string()).map_err(|why| bad(why.to_string()))?;
         let session = zenoh::open(config)
@@ -178,6 +180,8 @@ impl Fleet {
             .get(selector)
             .payload(payload)
             .encoding(Encoding::from(REQUEST))
+            // Not held back to be sent together with others.
+            .express(true)
             .timeout(left + GRACE)
             .await
             .map_err(|why| ClientError::Network(why.to_string()))?;

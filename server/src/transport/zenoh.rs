@@ -3,7 +3,7 @@
 //! | room | what |
 //! | --- | --- |
 //! | `session` | configured, opened as long as it takes, closed in bounded time |
-//! | `keys`, `payload` | what is where, and in what form |
+//! | `keys`, `payload`, `outgoing` | what is where, in what form, and by which way |
 //! | `fleet` | who is there, who serves which camera, how busy this server is |
 //! | `camera`, `inbox`, `pairing`, `results` | one camera: frames in, latest wins, results out |
 //! | `queries`, `settings` | requests with an answer |
@@ -14,6 +14,7 @@ mod camera;
 mod fleet;
 mod inbox;
 mod keys;
+mod outgoing;
 mod pairing;
 mod payload;
 mod queries;
@@ -31,7 +32,7 @@ use tokio::task::{JoinHandle, JoinSet};
 use zenoh::Session;
 use zenoh::bytes::ZBytes;
 
-use self::payload::Way;
+use self::outgoing::Outgoing;
 use self::settings::SettingsBook;
 use crate::config::{Config, ConfigError};
 use crate::service::Service;
@@ -72,6 +73,7 @@ struct Context {
     service: Arc<Service>,
     streams: Arc<Streams>,
     settings: SettingsBook,
+    outgoing: Arc<Outgoing>,
     instance: String,
     max_image_px: u64,
     body_bytes: u64,
@@ -119,9 +121,10 @@ impl Prepared {
                 let mut stopped = stopped.clone();
                 async move { drop(stopped.wait_for(|&stop| stop).await) }
             };
+            let outgoing = Arc::new(Outgoing::default());
             let session = tokio::select! {
                 () = until_stopped(&mut stopped) => None,
-                session = session::open(&self.zenoh, &streams) => Some(session),
+                session = session::open(&self.zenoh, &streams, &outgoing) => Some(session),
             };
             let Some(session) = session else {
                 phase.send_replace(Phase::Withdrawn);
@@ -134,6 +137,7 @@ impl Prepared {
                 service,
                 streams,
                 settings: self.settings,
+                outgoing,
                 instance: self.config.instance.clone(),
                 max_image_px: limits.image_pixels,
                 body_bytes: limits.body_bytes,
@@ -189,10 +193,8 @@ impl Zenoh {
 impl Context {
     /// Bounds what has come in: a place for its bytes, counted until that is dropped.
     fn admit(&self, payload: &ZBytes) -> Result<OwnedSemaphorePermit, ServiceError> {
-        self.service.metrics().zenoh_payload(match payload::way(payload) {
-            Way::SharedMemory => "shared_memory",
-            Way::Network => "network",
-        });
+        let way = payload::way(payload).name();
+        self.service.metrics().zenoh_payload(way);
         let bytes = payload.len() as u64;
         if bytes > self.body_bytes {
             return Err(ServiceError::TooLarge(format!(

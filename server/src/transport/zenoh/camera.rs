@@ -89,7 +89,7 @@ async fn serve(
         .declare_token(keys::owner(&name, &context.instance))
         .await?;
     let outbox = Arc::new(Outbox::default());
-    let sender = tokio::spawn(Arc::clone(&results).send(Arc::clone(&outbox)));
+    let sender = tokio::spawn(Arc::clone(&results).send(Arc::clone(context), Arc::clone(&outbox)));
     let settings = context.settings.follow(&name);
     let rules = settings.borrow().settings.pairing;
     let mut room = Room {

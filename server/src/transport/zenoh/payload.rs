@@ -5,13 +5,26 @@ use zenoh::bytes::{Encoding, ZBytes};
 
 use crate::status::ServiceError;
 
-/// How a payload came.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub(crate) enum Way {
-    /// It lies in memory that its sender shares with us.
+/// How a payload came, or goes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Way {
+    /// It lies in memory that its sender shares with whoever receives it.
     SharedMemory,
-    /// It was received from a socket.
+    /// It goes through a socket.
     Network,
+    /// The same, because there is no room in shared memory.
+    NoRoom,
+}
+
+impl Way {
+    /// Its name among the labels of the metrics.
+    pub(super) fn name(self) -> &'static str {
+        match self {
+            Self::SharedMemory => "shared_memory",
+            Self::Network => "network",
+            Self::NoRoom => "no_room",
+        }
+    }
 }
 
 /// How `payload` came.

@@ -7,11 +7,12 @@ use std::time::{Duration, Instant};
 
 use prost::Message;
 use tokio::sync::{OwnedSemaphorePermit, mpsc};
-use tokio::task::spawn_blocking;
+use tokio::task::block_in_place;
 use zenoh::Wait;
 use zenoh::bytes::ZBytes;
 use zenoh::query::{Query, Queryable};
 
+use super::payload::Way;
 use super::settings::Revision;
 use super::{Context, keys, payload};
 use crate::job::{FrameRequest, PriorityClass, ReplyFormat};
@@ -54,15 +55,15 @@ async fn compute(
     received_at: Instant,
     admitted: Result<OwnedSemaphorePermit, ServiceError>,
 ) {
-    let query = Arc::new(query);
     let request = admitted.and_then(|share| Ok((share, request(&context, &query, received_at)?)));
     let (share, (frame, is_partial)) = match request {
         Ok(request) => request,
         Err(error) => {
             let error = context.service.refuse(error, received_at, "");
-            return refuse(&query, &error, "").await;
+            return refuse(&query, &error, "");
         }
     };
+    let way = query.payload().map_or(Way::Network, payload::way);
     let request_id = frame.ids.request_id.clone();
     let (partial, mut partials) = mpsc::channel(PARTIAL_WAITING);
     let sink = is_partial.then(|| {
@@ -78,17 +79,20 @@ async fn compute(
         tokio::select! {
             biased;
             outcome = &mut work => break outcome,
-            Some(body) = partials.recv() => answer(&query, body).await,
+            Some(body) = partials.recv() => answer(&context, &query, way, body),
         }
     };
     drop(share);
     // The first result always comes first, however soon the last one was ready.
     while let Ok(body) = partials.try_recv() {
-        answer(&query, body).await;
+        answer(&context, &query, way, body);
     }
     match outcome {
-        Ok(reply) => answer(&query, reply.bodies.into_iter().next().unwrap_or_default()).await,
-        Err(error) => refuse(&query, &error, &request_id).await,
+        Ok(reply) => {
+            let body = reply.bodies.into_iter().next().unwrap_or_default();
+            answer(&context, &query, way, body);
+        }
+        Err(error) => refuse(&query, &error, &request_id),
     }
 }
 
@@ -153,13 +157,14 @@ pub(super) async fn declare_settings(
         .callback(move |query| {
             let Some(context) = weak.upgrade() else { return };
             if query.key_expr().as_str() == keys::SETTINGS {
-                context.spawn(all_settings(Arc::clone(&context), Arc::new(query)));
+                let asked = Arc::clone(&context);
+                context.spawn(async move { all_settings(&asked, &query) });
                 return;
             }
             // Every server is asked; one answers.
             let camera = keys::name(query.key_expr().as_str()).map(ToOwned::to_owned);
             if let Some(camera) = camera.filter(|camera| is_owner(camera)) {
-                let work = settings(Arc::clone(&context), Arc::new(query), camera);
+                let work = settings(Arc::clone(&context), query, camera);
                 context.spawn(work);
             }
         })
@@ -167,38 +172,35 @@ pub(super) async fn declare_settings(
 }
 
 /// What this server knows about all cameras, for a server that has just come.
-async fn all_settings(context: Arc<Context>, query: Arc<Query>) {
+fn all_settings(context: &Context, query: &Query) {
     for (camera, revision) in context.settings.all() {
-        let query = Arc::clone(&query);
-        let reply = move || {
+        sent(|| {
             query
                 .reply(keys::settings(&camera), revision.encoded())
                 .encoding(payload::encoding("CameraSettings"))
                 .wait()
-        };
-        sent(reply).await;
+        });
     }
 }
 
-async fn settings(context: Arc<Context>, query: Arc<Query>, camera: String) {
-    let revision = match query.payload().filter(|payload| !payload.is_empty()) {
+async fn settings(context: Arc<Context>, query: Query, camera: String) {
+    let given = query.payload().filter(|payload| !payload.is_empty());
+    let revision = match given {
         None => Ok(context.settings.read(&camera)),
         Some(payload) => change(&context, &query, &camera, payload),
     };
     match revision {
-        Err(error) => refuse(&query, &error, "").await,
+        Err(error) => refuse(&query, &error, ""),
         Ok(revision) => {
-            if query.payload().is_some_and(|payload| !payload.is_empty()) {
+            if given.is_some() {
                 announce(&context, &camera, &revision).await;
             }
-            let body = revision.encoded();
-            let reply = move || {
+            sent(|| {
                 query
-                    .reply(query.key_expr(), body)
+                    .reply(query.key_expr(), revision.encoded())
                     .encoding(payload::encoding("CameraSettings"))
                     .wait()
-            };
-            sent(reply).await;
+            });
         }
     }
 }
@@ -234,37 +236,40 @@ async fn announce(context: &Context, camera: &str, revision: &Revision) {
     }
 }
 
-async fn answer(query: &Arc<Query>, body: bytes::Bytes) {
-    let query = Arc::clone(query);
-    let reply = move || {
+/// Sends a result by the way the request came.
+fn answer(context: &Context, query: &Query, way: Way, body: bytes::Bytes) {
+    let (payload, way) = context.outgoing.by(way, body);
+    let is_sent = sent(|| {
         query
-            .reply(query.key_expr(), body)
+            .reply(query.key_expr(), payload)
             .encoding(payload::encoding("StereoResult"))
+            // Not held back to be sent together with others.
+            .express(true)
             .wait()
-    };
-    sent(reply).await;
+    });
+    if is_sent {
+        context.service.metrics().zenoh_result(way.name());
+    }
 }
 
-async fn refuse(query: &Arc<Query>, error: &ServiceError, request_id: &str) {
+fn refuse(query: &Query, error: &ServiceError, request_id: &str) {
     let status = error.to_status(request_id).encode_to_vec();
-    let query = Arc::clone(query);
-    sent(move || {
+    sent(|| {
         query
             .reply_err(status)
             .encoding(payload::encoding("Status"))
             .wait()
-    })
-    .await;
+    });
 }
 
-/// Sends something off the async threads: a link that is full makes it wait.
-async fn sent(reply: impl FnOnce() -> zenoh::Result<()> + Send + 'static) {
-    match spawn_blocking(reply).await {
-        Ok(Ok(())) => {}
+/// Sends something, and lets another thread do this one's other tasks meanwhile: a link that is full makes it wait. Whether it was sent.
+fn sent(reply: impl FnOnce() -> zenoh::Result<()>) -> bool {
+    let outcome = block_in_place(reply);
+    if let Err(why) = &outcome {
         // Whoever asked has gone, or waits no longer.
-        Ok(Err(why)) => tracing::debug!(%why, "a reply can't be sent"),
-        Err(why) => tracing::warn!(%why, "a reply was not sent"),
+        tracing::debug!(%why, "a reply can't be sent");
     }
+    outcome.is_ok()
 }
 
 #[cfg(test)]

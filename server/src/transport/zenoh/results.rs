@@ -76,16 +76,21 @@ impl Results {
     }
 
     /// Sends what comes into `outbox` until that is closed.
-    pub(super) async fn send(self: Arc<Self>, outbox: Arc<Outbox>) {
+    pub(super) async fn send(self: Arc<Self>, context: Arc<Context>, outbox: Arc<Outbox>) {
         while let Some(answer) = outbox.next().await {
-            let results = Arc::clone(&self);
+            let (results, context) = (Arc::clone(&self), Arc::clone(&context));
             // A link that is full makes this wait, as long as the session is told to at most.
             let sent = spawn_blocking(move || {
                 for part in &results.parts {
-                    if let Some(body) = answer.body(part.format)
-                        && let Err(why) = part.publisher.put(body.clone()).wait()
-                    {
-                        tracing::warn!(key = %part.publisher.key_expr(), %why, "a result can't be sent");
+                    let Some(body) = answer.body(part.format) else {
+                        continue;
+                    };
+                    let (payload, way) = context.outgoing.for_all(body);
+                    match part.publisher.put(payload).wait() {
+                        Ok(()) => context.service.metrics().zenoh_result(way.name()),
+                        Err(why) => {
+                            tracing::warn!(key = %part.publisher.key_expr(), %why, "a result can't be sent");
+                        }
                     }
                 }
             });

@@ -1,6 +1,6 @@
 //! The session: how it is configured, opened for as long as that takes, and closed in bounded time.
 
-use std::collections::HashSet;
+use std::collections::HashMap;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
@@ -9,6 +9,7 @@ use zenoh::Session;
 use zenoh::config::ZenohId;
 use zenoh::sample::SampleKind;
 
+use super::outgoing::Outgoing;
 use crate::config::{Config, ConfigError};
 use crate::streams::{NetworkState, Streams};
 
@@ -25,6 +26,8 @@ const RECEIVE_BUFFER_BYTES: u32 = 4 << 20;
 /// How long a result waits for room on a link before it is dropped. Zenoh's own 1 ms, or 50 ms for messages in several fragments, drops
 /// results wherever a machine is busy for that long; whatever waits here is on a thread of its own, and the newest comes next.
 const DROP_AFTER_US: u32 = 200_000;
+/// Pieces of large messages, 64 KiB each, that may wait for a link: with Zenoh's own 2, the sender and the link take turns.
+const SEND_QUEUE: u32 = 16;
 /// A message is this much longer than its payload at most.
 const ENVELOPE_BYTES: u64 = 64 << 10;
 
@@ -70,18 +73,21 @@ fn defaults(config: &Config) -> Value {
             "link": {
                 "tx": {
                     "lease": LEASE_MS,
-                    "queue": { "congestion_control": { "drop": {
-                        "wait_before_drop": DROP_AFTER_US,
-                        "max_wait_before_drop_fragments": DROP_AFTER_US,
-                    } } },
+                    "queue": {
+                        "size": { "data": SEND_QUEUE },
+                        "congestion_control": { "drop": {
+                            "wait_before_drop": DROP_AFTER_US,
+                            "max_wait_before_drop_fragments": DROP_AFTER_US,
+                        } },
+                    },
                 },
                 "rx": {
                     "buffer_size": RECEIVE_BUFFER_BYTES,
                     "max_message_size": config.limits.body_bytes + ENVELOPE_BYTES,
                 },
             },
-            // Queries over implicit shared memory can be lost under load.
-            "shared_memory": { "transport_optimization": { "messages": ["put"] } },
+            // What goes through shared memory is put there by us: see `outgoing`.
+            "shared_memory": { "transport_optimization": { "messages": [] } },
         },
     })
 }
@@ -99,11 +105,15 @@ fn merge(under: &mut Value, over: Value) {
 }
 
 /// Opens a session, trying again until it succeeds.
-pub(super) async fn open(config: &zenoh::Config, streams: &Arc<Streams>) -> Session {
+pub(super) async fn open(
+    config: &zenoh::Config,
+    streams: &Arc<Streams>,
+    outgoing: &Arc<Outgoing>,
+) -> Session {
     loop {
         match zenoh::open(config.clone()).await {
             Ok(session) => {
-                watch(&session, streams).await;
+                watch(&session, streams, outgoing).await;
                 return session;
             }
             Err(why) => {
@@ -116,7 +126,7 @@ pub(super) async fn open(config: &zenoh::Config, streams: &Arc<Streams>) -> Sess
 }
 
 /// Keeps what is known about the network up to date.
-async fn watch(session: &Session, streams: &Arc<Streams>) {
+async fn watch(session: &Session, streams: &Arc<Streams>, outgoing: &Arc<Outgoing>) {
     let locators = session.info().locators().await;
     let locators: Vec<String> = locators.iter().map(ToString::to_string).collect();
     tracing::info!(zid = %session.zid(), ?locators, "the Zenoh session is open");
@@ -125,8 +135,8 @@ async fn watch(session: &Session, streams: &Arc<Streams>) {
         network.why = None;
         network.locators = locators;
     });
-    let connected = Mutex::new(HashSet::<ZenohId>::new());
-    let streams = Arc::clone(streams);
+    let connected = Mutex::new(HashMap::<ZenohId, bool>::new());
+    let (streams, outgoing) = (Arc::clone(streams), Arc::clone(outgoing));
     let listening = session
         .info()
         .transport_events_listener()
@@ -135,9 +145,10 @@ async fn watch(session: &Session, streams: &Arc<Streams>) {
             let mut connected = connected.lock().unwrap_or_else(PoisonError::into_inner);
             let other = *event.transport().zid();
             match event.kind() {
-                SampleKind::Put => connected.insert(other),
+                SampleKind::Put => connected.insert(other, event.transport().is_shm()),
                 SampleKind::Delete => connected.remove(&other),
             };
+            outgoing.set_neighbours(connected.values().filter(|&&shares| shares).count());
             let connections = connected.len();
             tracing::info!(%other, kind = %event.kind(), connections, "a Zenoh connection has changed");
             streams.set_network(|network| network.connections = connections);
