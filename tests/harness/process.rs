@@ -1,5 +1,6 @@
 //! The real `stereod` binary as a child process: started on a port of its own, stopped and reaped when dropped.
 
+use std::ffi::OsStr;
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdout, Command, ExitStatus, Output, Stdio};
@@ -103,6 +104,8 @@ pub struct Launch<'a> {
     pub program: Option<&'a Path>,
     /// The cores it may run on, as `taskset --cpu-list` takes them; `None` = all.
     pub cores: Option<&'a str>,
+    /// The network namespace it runs in, as `ip netns` names it: another host; `None` = this one.
+    pub host: Option<&'a str>,
     /// Arguments of `stereod serve`, besides the address and the log level.
     pub args: &'a [&'a str],
 }
@@ -154,20 +157,27 @@ impl Stereod {
     /// # Errors
     /// If the program can't be built or started, or ends before it listens.
     pub fn launch(launch: &Launch<'_>) -> Result<Self> {
-        let Launch { program, cores, args } = *launch;
+        let Launch {
+            program,
+            cores,
+            host,
+            args,
+        } = *launch;
         let program = match program {
             Some(program) => program,
             None => binary()?,
         };
-        // `taskset` becomes the program it starts, so the child's id is the server's.
-        let mut command = match cores {
-            Some(cores) => {
-                let mut command = Command::new("taskset");
-                command.args(["--cpu-list", cores]).arg(program);
-                command
-            }
-            None => Command::new(program),
-        };
+        // `ip` and `taskset` become the program they start, so the child's id is the server's.
+        let mut words: Vec<&OsStr> = Vec::new();
+        if let Some(host) = host {
+            words.extend(["ip", "netns", "exec", host].map(OsStr::new));
+        }
+        if let Some(cores) = cores {
+            words.extend(["taskset", "--cpu-list", cores].map(OsStr::new));
+        }
+        words.push(program.as_os_str());
+        let mut command = Command::new(words[0]);
+        command.args(&words[1..]);
         let mut child = command
             .args(["serve", "--http", "127.0.0.1:0", "--log", "error"])
             .args(args)
@@ -249,16 +259,21 @@ impl Stereod {
     /// # Errors
     /// If the signal can't be sent.
     pub fn signal(&mut self, name: &str) -> Result<()> {
-        // The shell's own `kill`: sending a signal from here would need unsafe code or a further crate.
-        let sent = Command::new("sh")
-            .args(["-c", "kill -\"$1\" \"$0\"", &self.child.id().to_string(), name])
-            .status()
-            .context("can't run sh to send a signal")?;
-        if !sent.success() {
-            bail!("stereod was gone before SIG{name}: {:?}", self.child.try_wait()?);
-        }
-        Ok(())
+        send_signal(self.child.id(), name).with_context(|| format!("stereod: {:?}", self.child.try_wait()))
     }
+}
+
+/// Sends a signal to a process that this one has started.
+pub(crate) fn send_signal(process: u32, name: &str) -> Result<()> {
+    // The shell's own `kill`: sending a signal from here would need unsafe code or a further crate.
+    let sent = Command::new("sh")
+        .args(["-c", "kill -\"$1\" \"$0\"", &process.to_string(), name])
+        .status()
+        .context("can't run sh to send a signal")?;
+    if !sent.success() {
+        bail!("process {process} was gone before SIG{name}");
+    }
+    Ok(())
 }
 
 impl Drop for Stereod {

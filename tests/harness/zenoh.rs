@@ -1,8 +1,12 @@
 //! Zenoh networks of a test's own: routers, and sessions that are connected to nothing else.
 
+mod separate;
+
 use anyhow::{Result, anyhow};
 use serde_json::{Value, json};
 use zenoh::Session;
+
+pub use self::separate::RouterProcess;
 
 /// How long a message waits for room on a link.
 const WAIT_US: u32 = 10_000_000;
@@ -33,10 +37,11 @@ impl Router {
         lay_over(&mut all, config);
         let session = open(&all).await?;
         let locators = session.info().locators().await;
-        let endpoint = locators
-            .iter()
-            .map(ToString::to_string)
-            .find(|locator| locator.contains("127.0.0.1"))
+        let mut locators_here: Vec<String> = locators.iter().map(ToString::to_string).collect();
+        locators_here.sort_by_key(|locator| !locator.contains("127.0.0.1"));
+        let endpoint = locators_here
+            .into_iter()
+            .next()
             .ok_or_else(|| anyhow!("the router listens nowhere: {locators:?}"))?;
         Ok(Self { session, endpoint })
     }

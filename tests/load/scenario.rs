@@ -132,6 +132,7 @@ impl Stage {
         let server = Stereod::launch(&Launch {
             program: self.program.as_deref(),
             cores: self.cores.network.as_deref(),
+            host: None,
             args: &args,
         })?;
         wait_until_ready(server.url(), STARTED_WITHIN)?;

@@ -1,6 +1,6 @@
 //! Routers and servers that come, go and come again.
 
-use stereo_tests::zenoh::{Router, client};
+use stereo_tests::zenoh::{Router, RouterProcess, client};
 use zenoh::sample::SampleKind;
 
 use super::network::{Camera, Network, numbered, poll, serve, until_alive};
@@ -67,6 +67,33 @@ async fn a_stream_goes_on_by_itself_after_the_router_was_restarted() {
             Err(_) => continue,
         }
     };
+    assert!(again.sequence > Some(1));
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_stream_goes_on_by_itself_after_the_router_was_frozen() {
+    let router = RouterProcess::start("tcp/127.0.0.1:0", None).expect("a router on a free port");
+    let server = Server::start(&["--zenoh-connect", router.endpoint()]);
+    let session = client(router.endpoint())
+        .await
+        .expect("a connection to the router");
+    let camera = Camera::start(&session, "front").await;
+    camera.put(&numbered(1)).await;
+    camera.result().await;
+    router.signal("STOP").expect("a running router");
+    // The server has given it up, after a lease.
+    let connections = async || server.get("/readyz").await.json()["zenoh"]["connections"].as_u64();
+    let alone = poll(async || (connections().await == Some(0)).then_some(())).await;
+    assert!(alone.is_some(), "the server doesn't notice");
+    router.signal("CONT").expect("a frozen router");
+    let mut sequence = 1;
+    let again = poll(async || {
+        sequence += 1;
+        camera.put(&numbered(sequence)).await;
+        let result = tokio::time::timeout(std::time::Duration::from_millis(100), camera.result());
+        result.await.ok()
+    });
+    let again = again.await.expect("the stream goes on");
     assert!(again.sequence > Some(1));
 }
 

@@ -1,7 +1,10 @@
 //! The example for a fleet, `docker/zenoh-router.json5`, does what it says.
 
+use std::path::Path;
+
+use rcgen::{BasicConstraints, CertificateParams, CertifiedIssuer, IsCa, KeyPair};
 use serde_json::{Value, json};
-use stereo_tests::zenoh::{Router, client_with};
+use stereo_tests::zenoh::{Router, client, client_with};
 use zenoh::Session;
 use zenoh::sample::Locality;
 
@@ -10,7 +13,7 @@ use crate::conversation::Server;
 
 const EXAMPLE: &str = include_str!("../../../docker/zenoh-router.json5");
 
-/// The example's router with a user file of the test's, a server and robots.
+/// The example's router with a user file and certificates of the test's, a server and robots.
 struct Fleet {
     router: Router,
     server: Server,
@@ -24,19 +27,36 @@ impl Fleet {
         let users = folder.join("users.txt");
         std::fs::write(&users, "router:r\nstereod:s\nrobot-1:one\nrobot-2:two\n").expect("a writable folder");
         let mut example: Value = json5::from_str(EXAMPLE).expect("JSON5");
+        let tls = &mut example["transport"]["link"]["tls"];
+        for (part, file) in [
+            ("listen_certificate", "router.pem"),
+            ("listen_private_key", "router-key.pem"),
+        ] {
+            assert_eq!(tls[part], file, "the example has another {part}");
+            tls[part] = json!(folder.join(file));
+        }
+        certify(&folder);
         example["transport"]["auth"]["usrpwd"] = json!({
             "user": "router",
             "password": "r",
             "dictionary_file": users,
         });
+        let listens = example["listen"]["endpoints"][0].as_str().expect("an endpoint");
+        assert!(
+            listens.starts_with("tls/"),
+            "passwords would be sent in the clear"
+        );
         example.as_object_mut().expect("an object").remove("listen");
-        let router = Router::start_with("tcp/127.0.0.1:0", example)
+        let router = Router::start_with("tls/127.0.0.1:0", example)
             .await
             .expect("an example that works");
         let file = folder.join("server.json5");
         let own = json!({
             "mode": "client",
-            "transport": { "auth": { "usrpwd": { "user": "stereod", "password": "s" } } },
+            "transport": {
+                "link": { "tls": { "root_ca_certificate": folder.join("authority.pem") } },
+                "auth": { "usrpwd": { "user": "stereod", "password": "s" } },
+            },
         });
         std::fs::write(&file, own.to_string()).expect("a writable folder");
         let server = Server::start(&[
@@ -55,8 +75,38 @@ impl Fleet {
     }
 
     async fn user(&self, user: &str, password: &str) -> anyhow::Result<Session> {
-        let auth = json!({ "auth": { "usrpwd": { "user": user, "password": password } } });
-        client_with(self.router.endpoint(), json!({ "transport": auth })).await
+        self.user_who_trusts("authority.pem", user, password).await
+    }
+
+    async fn user_who_trusts(&self, authority: &str, user: &str, password: &str) -> anyhow::Result<Session> {
+        let transport = json!({
+            "link": { "tls": { "root_ca_certificate": self.folder.join(authority) } },
+            "auth": { "usrpwd": { "user": user, "password": password } },
+        });
+        client_with(self.router.endpoint(), json!({ "transport": transport })).await
+    }
+}
+
+/// An authority, a certificate of the router by it, and another authority that has nothing to do with them.
+fn certify(folder: &Path) {
+    let authority = || {
+        let mut params = CertificateParams::new([]).expect("no names");
+        params.is_ca = IsCa::Ca(BasicConstraints::Unconstrained);
+        let key = KeyPair::generate().expect("a key");
+        CertifiedIssuer::self_signed(params, key).expect("a certificate")
+    };
+    let (trusted, stranger) = (authority(), authority());
+    let key = KeyPair::generate().expect("a key");
+    let router = CertificateParams::new(["127.0.0.1".to_owned()])
+        .and_then(|params| params.signed_by(&key, &trusted))
+        .expect("a certificate");
+    for (name, text) in [
+        ("authority.pem", trusted.pem()),
+        ("stranger.pem", stranger.pem()),
+        ("router.pem", router.pem()),
+        ("router-key.pem", key.serialize_pem()),
+    ] {
+        std::fs::write(folder.join(name), text).expect("a writable folder");
     }
 }
 
@@ -101,4 +151,16 @@ async fn a_wrong_password_is_no_way_in() {
     assert!(fleet.user("robot-1", "two").await.is_err());
     assert!(fleet.user("nobody", "one").await.is_err());
     fleet.user("robot-1", "one").await.expect("the right password");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn nobody_tells_a_password_to_a_router_whose_certificate_is_not_to_be_trusted() {
+    let fleet = Fleet::start("certificate").await;
+    let cheated = fleet.user_who_trusts("stranger.pem", "robot-1", "one").await;
+    assert!(cheated.is_err());
+    let plain = fleet.router.endpoint().replacen("tls/", "tcp/", 1);
+    assert!(
+        client(&plain).await.is_err(),
+        "the router talks without encryption"
+    );
 }
