@@ -85,9 +85,12 @@ stages:
 load:
 	cargo run --release --package stereo-tests --bin load -- --suite overload --write README.md $(ARGS)
 
-# What Zenoh costs beside HTTP, and eight cameras of 30 Hz for ten minutes twice; writes the README's table.
+# What Zenoh costs beside HTTP, eight cameras of 30 Hz for ten minutes twice; writes the README's tables.
 load-zenoh:
-	cargo run --release --package stereo-tests --bin load -- --suite zenoh --seconds 600 --write README.md $(ARGS)
+	cargo build --release --package stereo-tests --bins
+	for suite in round-trips cameras; do \
+		target/release/load --suite $$suite --seconds 600 --write README.md $(ARGS) || exit 1; \
+	done
 
 target/venv/ready:
 	python3 -m venv target/venv

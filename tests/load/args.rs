@@ -138,7 +138,7 @@ pub(crate) struct Args {
     /// Folder for CSV and SVG; made if it doesn't exist.
     #[arg(long, default_value = "out/load", help_heading = "Servers started here")]
     pub(crate) out: PathBuf,
-    /// Puts the suite's table between the markers `load:begin` and `load:end` of this Markdown file.
+    /// Puts the suite's table between its markers in this Markdown file, such as `load:begin` and `load:end`.
     #[arg(
         long,
         value_name = "FILE",

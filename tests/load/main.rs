@@ -56,7 +56,8 @@ fn main() -> Result<ExitCode> {
     args.check()?;
     match args.suite {
         Some(args::Suite::Overload) => suite::run(&args).map(|()| ExitCode::SUCCESS),
-        Some(args::Suite::Zenoh) => zenoh::run(&args).map(|()| ExitCode::SUCCESS),
+        Some(args::Suite::RoundTrips) => zenoh::round_trips(&args).map(|()| ExitCode::SUCCESS),
+        Some(args::Suite::Cameras) => zenoh::cameras(&args).map(|()| ExitCode::SUCCESS),
         None => one(&args),
     }
 }

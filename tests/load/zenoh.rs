@@ -17,42 +17,65 @@ use crate::{STARTED_WITHIN, progress_bar, wait_until_ready};
 /// Time between two looks whether the server's session is open.
 const LOOK_AGAIN: Duration = Duration::from_millis(20);
 
-/// Measures everything, prints the tables, and writes them between the markers `zenoh:begin` and `zenoh:end` of a file.
-#[expect(clippy::print_stdout, reason = "the tables are what this program is for")]
-pub(crate) fn run(args: &Args) -> Result<()> {
-    // Not kept apart by cores: the server, its network threads and the cameras share them all, as on a robot.
-    let server = Stereod::launch(&Launch {
-        program: args.stereod.as_deref(),
-        cores: None,
-        args: &["--workers", "1"],
-    })?;
-    wait_until_ready(server.url(), STARTED_WITHIN)?;
-    let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
-    let tables = runtime.block_on(async {
+/// Round trips of each way.
+pub(crate) fn round_trips(args: &Args) -> Result<()> {
+    let server = start(args)?;
+    let table = runtime()?.block_on(async {
         let endpoint = endpoint(server.url()).await?;
-        let trips = round_trip::measure(server.url(), &endpoint).await?;
-        let seconds = args.seconds.max(1.0);
-        let bar = progress_bar(2, "{bar:30} {elapsed}  {msg}")?;
+        round_trip::measure(server.url(), &endpoint).await
+    })?;
+    server.stop()?;
+    publish(args, "round-trips", &table)
+}
+
+/// Cameras for `--seconds` each.
+pub(crate) fn cameras(args: &Args) -> Result<()> {
+    let server = start(args)?;
+    let rows = runtime()?.block_on(async {
+        let endpoint = endpoint(server.url()).await?;
+        let bar = progress_bar(cameras::PLANS.len() as u64, "{bar:30} {elapsed}  {msg}")?;
         bar.enable_steady_tick(Duration::from_millis(500));
         let mut rows = Vec::new();
-        for phases in [cameras::Phases::Spread, cameras::Phases::Together] {
-            bar.set_message(phases.name());
-            rows.push(cameras::stream(server.url(), &endpoint, phases, seconds).await?);
+        for plan in cameras::PLANS {
+            bar.set_message(plan.name());
+            rows.push(cameras::stream(server.url(), &endpoint, plan, args.seconds.max(1.0)).await?);
             bar.inc(1);
         }
         bar.finish_and_clear();
-        let (described, header) = (machine::describe(), cameras::HEADER);
-        anyhow::Ok(format!(
-            "{trips}\n\n{header}\n{}\n\n{described}.",
-            rows.join("\n")
-        ))
+        anyhow::Ok(rows)
     })?;
     server.stop()?;
-    println!("{tables}");
-    if let Some(path) = &args.write {
-        readme::write_table(path, "zenoh", &tables)?;
+    publish(
+        args,
+        "cameras",
+        &format!("{}\n{}", cameras::HEADER, rows.join("\n")),
+    )
+}
+
+/// Not kept apart by cores: the server, its network threads and the cameras share them all, as on a robot.
+fn start(args: &Args) -> Result<Stereod> {
+    let server = Stereod::launch(&Launch {
+        program: args.stereod.as_deref(),
+        args: &["--workers", "1"],
+        ..Launch::default()
+    })?;
+    wait_until_ready(server.url(), STARTED_WITHIN)?;
+    Ok(server)
+}
+
+fn runtime() -> Result<tokio::runtime::Runtime> {
+    Ok(tokio::runtime::Builder::new_multi_thread().enable_all().build()?)
+}
+
+/// Prints a table, and writes it between the markers of this name if there is a file to write to.
+#[expect(clippy::print_stdout, reason = "the tables are what this program is for")]
+fn publish(args: &Args, name: &str, table: &str) -> Result<()> {
+    let text = format!("{table}\n\n{}.", machine::describe());
+    println!("{text}");
+    match &args.write {
+        Some(path) => readme::write_table(path, name, &text),
+        None => Ok(()),
     }
-    Ok(())
 }
 
 /// What the server at `url` says at `path`.
@@ -75,10 +98,11 @@ async fn endpoint(url: &str) -> Result<String> {
 
 /// A client of the server, with or without shared memory.
 async fn session(endpoint: &str, shared_memory: bool) -> Result<Session> {
-    let config = serde_json::json!({ "transport": { "shared_memory": {
-        "enabled": shared_memory,
-        "transport_optimization": { "messages": ["put"] },
-    } } });
+    let config = serde_json::json!({ "transport": {
+        // As the Rust client has it.
+        "link": { "tx": { "queue": { "size": { "data": 16 } } } },
+        "shared_memory": { "enabled": shared_memory, "transport_optimization": { "messages": ["put"] } },
+    } });
     stereo_tests::zenoh::client_with(endpoint, config).await
 }
 

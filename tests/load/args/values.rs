@@ -13,8 +13,10 @@ use crate::arrivals::Process;
 pub(crate) enum Suite {
     /// Capacity, then 0.8 to 4 times that, a burst of 5 times, one client at 10 times its share, 8 times in 4-megapixel pairs.
     Overload,
-    /// Round trips over Zenoh beside HTTP, then eight cameras of 30 Hz for `--seconds` each, their phases spread and all at once.
-    Zenoh,
+    /// Round trips over Zenoh beside HTTP.
+    RoundTrips,
+    /// Eight cameras of 30 Hz over Zenoh for `--seconds` each, their phases spread and all at once.
+    Cameras,
 }
 
 /// A part of the suite.

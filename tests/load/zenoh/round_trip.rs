@@ -104,6 +104,7 @@ async fn query(session: &Session, payload: ZBytes) -> Result<(Duration, v1::Ster
         .get("stereo/v1/compute")
         .payload(payload)
         .encoding(ENCODING)
+        .express(true)
         .await
         .map_err(zenoh_error)?;
     let reply = replies.recv_async().await.map_err(zenoh_error)?;
