@@ -1,6 +1,6 @@
 # Short names for plain commands; nothing is done here that can't be typed.
 
-.PHONY: demo console test test-python test-console check-docker lint lint-python fmt figures eval stages load load-zenoh
+.PHONY: demo console test test-python test-console test-api test-readme check-docker lint lint-python fmt figures eval stages load load-zenoh
 
 # A real pair through a real server; writes out/.
 demo: console
@@ -32,6 +32,8 @@ test: console
 	python3 -m py_compile tests/eval/peers.py
 	$(MAKE) test-python
 	$(MAKE) test-console
+	$(MAKE) test-api
+	$(MAKE) test-readme
 
 # The Python client's tests, against the release binary as all the tests build it: another selection would build everything once more.
 test-python: target/venv-python/ready
@@ -46,6 +48,16 @@ test-console: console
 		cargo test --release --workspace --no-run && cd $(CONSOLE) && npm test -- $(ARGS); \
 	fi
 
+# Every route by its own description, with good data and bad: make test-api [ARGS='--examples 1000 --seed 2'].
+test-api: target/venv-api/ready
+	cargo test --release --workspace --no-run
+	target/venv-api/bin/python tests/api/fuzz.py $(ARGS)
+
+# Every command of the README as its readers type it, with what is built already.
+test-readme: target/venv-python/ready
+	cargo test --release --workspace --no-run
+	target/venv-python/bin/python tests/readme/commands.py $(ARGS)
+
 # docker/: images, compose file, alerts with their tests, dashboard, chart; says what it couldn't check here and why.
 check-docker: target/venv-docker/ready
 	target/venv-docker/bin/python docker/check
@@ -54,18 +66,25 @@ lint: lint-python
 	cargo fmt --all -- --check
 	cargo clippy --release --workspace --all-targets -- -D warnings
 
-# Style and types of the Python client.
+# Style of all Python, types of the client.
+PYTHON_TESTS = tests/api tests/readme
+RUFF_TESTS = target/venv-python/bin/ruff --config clients/python/pyproject.toml
 lint-python: target/venv-python/ready
 	cd clients/python && ../../target/venv-python/bin/ruff format --quiet --check && ../../target/venv-python/bin/ruff check --quiet
+	$(RUFF_TESTS) format --quiet --check $(PYTHON_TESTS)
+	$(RUFF_TESTS) check --quiet --ignore D $(PYTHON_TESTS)
 	cd clients/python && ../../target/venv-python/bin/mypy --no-error-summary
 
 fmt: target/venv-python/ready
 	cargo fmt --all
 	cd clients/python && ../../target/venv-python/bin/ruff format --quiet
+	$(RUFF_TESTS) format --quiet $(PYTHON_TESTS)
+
+# What is measured is built as the tests build it: another selection of packages would build everything once more.
 
 # Every figure of the README and of tests/eval/FIGURES.md, measured anew.
 figures: target/venv/ready
-	cargo build --release --package stereo-tests --bin eval
+	cargo test --release --workspace --no-run
 	for command in accuracy sizes rooms levels kernels threads confidence foveation anytime shared-pixels robustness meshes; do \
 		target/release/eval $$command --data $(DATA) --write || exit 1; \
 	done
@@ -73,23 +92,28 @@ figures: target/venv/ready
 # Accuracy and time of any combination of options beside OpenCV: make eval DATA=../shared/data [ARGS='--only kitti2012 --density semi_dense,dense'].
 DATA = ../shared/data
 eval: target/venv/ready
-	cargo run --release --package stereo-tests --bin eval -- any --data $(DATA) --peers sgbm,3way,bm $(ARGS)
+	cargo test --release --workspace --no-run
+	target/release/eval any --data $(DATA) --peers sgbm,3way,bm $(ARGS)
 
 # Where a frame's time goes: make stages [ARGS='--preset fast --size 640x480,1280x720 --level avx2,avx512'].
 stages:
-	cargo run --release --package stereo-tests --bin eval -- stages --data $(DATA) $(ARGS)
+	cargo test --release --workspace --no-run
+	target/release/eval stages --data $(DATA) $(ARGS)
 
 # What the server keeps under 0.8 to 8 times its capacity, beside rival policies; writes out/load/ and the README's table. One part:
 # make load ARGS='--only burst'. For one fleet on a
 # running server: cargo load --server http://host:8080 --cameras 8 --rate 30 --size 640x480 --budget 50.
 load:
-	cargo run --release --package stereo-tests --bin load -- --suite overload --write README.md $(ARGS)
+	cargo test --release --workspace --no-run
+	target/release/load --suite overload --write README.md $(ARGS)
 
-# What Zenoh costs beside HTTP, eight cameras of 30 Hz for ten minutes twice; writes the README's tables.
+# What Zenoh costs beside HTTP, eight cameras of 30 Hz for ten minutes twice; writes the README's tables. Shorter: make load-zenoh
+# SECONDS=15.
+SECONDS = 600
 load-zenoh:
-	cargo build --release --package stereo-tests --bins
+	cargo test --release --workspace --no-run
 	for suite in round-trips cameras; do \
-		target/release/load --suite $$suite --seconds 600 --write README.md $(ARGS) || exit 1; \
+		target/release/load --suite $$suite --seconds $(SECONDS) --write README.md $(ARGS) || exit 1; \
 	done
 
 target/venv/ready:
@@ -100,6 +124,11 @@ target/venv/ready:
 target/venv-python/ready: clients/python/pyproject.toml
 	python3 -m venv target/venv-python
 	target/venv-python/bin/python -m pip install --quiet --disable-pip-version-check --editable 'clients/python[test]'
+	touch $@
+
+target/venv-api/ready:
+	python3 -m venv target/venv-api
+	target/venv-api/bin/python -m pip install --quiet --disable-pip-version-check schemathesis==4.32.5
 	touch $@
 
 target/venv-docker/ready:

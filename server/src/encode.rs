@@ -15,7 +15,7 @@ pub(crate) mod surface;
 use bytes::Bytes;
 
 pub(crate) use self::png::gray_png;
-pub(crate) use self::report_json::report_fields;
+pub(crate) use self::report_json::{Body as Summary, ReportFields, report_fields};
 use crate::job::{MatchedFrame, ReplyFormat, Report};
 use crate::status::ServiceError;
 use crate::wire;

@@ -2,11 +2,12 @@
 
 use serde::Serialize;
 use stereo::{Preset, Shape, rung_names};
+use utoipa::ToSchema;
 
 use crate::config::Config;
 
 /// The body of `GET /v1/info`.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, ToSchema)]
 pub struct Info {
     /// `stereod`.
     pub name: &'static str,
@@ -25,7 +26,7 @@ pub struct Info {
 }
 
 /// The limits a client has to keep.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, ToSchema)]
 pub struct Limits {
     /// Size of one request's body in bytes.
     pub body_bytes: u64,
@@ -44,7 +45,7 @@ pub struct Limits {
 }
 
 /// One preset.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, ToSchema)]
 pub struct PresetInfo {
     /// The name that options give.
     pub name: &'static str,

@@ -5,6 +5,7 @@ use std::time::Duration;
 use serde::Serialize;
 use stereo_proto::v1::{Reason, Status};
 use thiserror::Error;
+use utoipa::ToSchema;
 
 /// Why a request got no result. The text is one sentence that says what to do; it goes to the client as it is.
 #[derive(Debug, Clone, PartialEq, Error)]
@@ -145,6 +146,10 @@ pub enum ServiceError {
 }
 
 impl ServiceError {
+    /// Every HTTP status code of the table.
+    pub(crate) const HTTP_CODES: [u16; 13] =
+        [400, 404, 405, 406, 408, 409, 413, 415, 422, 429, 500, 503, 504];
+
     /// The table: what the client's program sees, and the HTTP status code.
     #[must_use]
     pub fn reason_and_code(&self) -> (Reason, u16) {
@@ -254,15 +259,19 @@ impl ServiceError {
     }
 }
 
-/// RFC 9457's members and ours.
-#[derive(Serialize)]
-struct Problem<'a> {
+/// A refusal: RFC 9457's members and ours.
+#[derive(Serialize, ToSchema)]
+pub(crate) struct Problem<'a> {
     #[serde(rename = "type")]
     kind: &'static str,
     title: &'static str,
+    /// The HTTP status code.
     status: u16,
+    /// What is wrong and what to do.
     detail: String,
+    /// Why, for programs: `stereo.v1.Reason` without its prefix.
     reason: &'static str,
+    /// The smallest budget that could be met now, or how long to wait before trying again.
     #[serde(skip_serializing_if = "Option::is_none")]
     earliest_feasible_ms: Option<f64>,
     #[serde(skip_serializing_if = "str::is_empty")]
@@ -276,7 +285,7 @@ fn reason_name(reason: Reason) -> &'static str {
 }
 
 /// HTTP's own phrase, as RFC 9457 wants for `about:blank`.
-fn title(code: u16) -> &'static str {
+pub(crate) fn title(code: u16) -> &'static str {
     match code {
         400 => "Bad Request",
         404 => "Not Found",

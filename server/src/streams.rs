@@ -16,7 +16,7 @@ use tokio::sync::broadcast;
 pub(crate) use self::counts::Unpaired;
 use self::counts::{Counts, Rate};
 pub(crate) use self::network::{Network, NetworkState};
-pub(crate) use self::view::{event_json, stream_json, streams_json};
+pub(crate) use self::view::{StreamView, StreamsView, event_json};
 use crate::job::{FrameReply, ReplyFormat, Report};
 use crate::metrics::Metrics;
 use crate::status::ServiceError;

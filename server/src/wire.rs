@@ -25,6 +25,7 @@ mod stream_view;
 
 pub use budget::{latency_budget_from_grpc_timeout, latency_budget_from_ms};
 pub use delimited::{Delimited, delimited, delimited_result_head};
+pub(crate) use form::FormDescription;
 pub use form::{FormParts, request_from_form};
 pub use report::report_body;
 pub(crate) use request::is_request_id;

@@ -4,6 +4,7 @@
 mod camera;
 
 use std::fmt::Write as _;
+use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -24,6 +25,9 @@ struct Args {
     /// Folder for the results; made if it doesn't exist.
     #[arg(long, default_value = "out")]
     out: PathBuf,
+    /// End when everything is written, also in a terminal, where the server goes on for a look at the console.
+    #[arg(long)]
+    once: bool,
 }
 
 /// Time enough for the whole ladder on a slow machine.
@@ -56,10 +60,24 @@ async fn main() -> Result<()> {
     };
     let mut text = demo.run(&scene).await?;
     println!("Streaming it as a camera over Zenoh ..");
-    text += &camera::stream(server.url(), &scene).await?;
+    let camera = camera::Camera::connect(server.url(), &scene).await?;
+    text += &camera.measure().await?;
+    println!("{text}");
+    if std::io::stdout().is_terminal() && !args.once {
+        println!(
+            "Look at {}/ : the console matches pairs of yours, and shows the camera live. Ctrl-C ends both.",
+            server.url()
+        );
+        tokio::select! {
+            ended = camera.play() => ended?,
+            pressed = tokio::signal::ctrl_c() => pressed?,
+        }
+    }
+    camera.close().await?;
+    // Ctrl-C has reached the server, too; it ends as when it is asked to.
     let status = server.stop()?;
     ensure!(status.success(), "the server ended with {status}");
-    println!("{text}\nThe server stopped cleanly.");
+    println!("The server stopped cleanly.");
     Ok(())
 }
 

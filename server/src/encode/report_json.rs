@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use serde::Serialize;
 use stereo::FIXED_PER_PX;
+use utoipa::ToSchema;
 
 use super::histogram::Histogram;
 use super::internal;
@@ -12,7 +13,7 @@ use crate::job::{MatchedFrame, Report};
 use crate::status::ServiceError;
 
 /// A report as it stands in JSON.
-pub(crate) fn report_fields(report: &Report) -> impl Serialize + '_ {
+pub(crate) fn report_fields(report: &Report) -> ReportFields<'_> {
     ReportFields::new(report)
 }
 
@@ -43,8 +44,10 @@ pub(super) fn encode(frame: &MatchedFrame<'_>, finish: &dyn Fn() -> Report) -> R
     serde_json::to_vec(&body).map_err(|why| internal(&format!("writing a report: {why}")))
 }
 
-#[derive(Serialize)]
-struct Body<'a> {
+/// What is known about a matched pair, without its pixels.
+#[derive(Serialize, ToSchema)]
+#[schema(as = Summary)]
+pub(crate) struct Body<'a> {
     request_id: &'a str,
     camera_id: &'a str,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -54,7 +57,8 @@ struct Body<'a> {
     mesh: MeshStatistics,
 }
 
-#[derive(Serialize)]
+/// Size of the mesh.
+#[derive(Serialize, ToSchema)]
 struct MeshStatistics {
     vertices: usize,
     triangles: usize,
@@ -62,9 +66,10 @@ struct MeshStatistics {
     space: &'static str,
 }
 
-/// `stereo.v1.ExecutionReport`.
-#[derive(Serialize)]
-struct ReportFields<'a> {
+/// What became of the request: `stereo.v1.ExecutionReport`, durations in milliseconds.
+#[derive(Serialize, ToSchema)]
+#[schema(as = Report)]
+pub(crate) struct ReportFields<'a> {
     budget_ms: f64,
     received_ms: f64,
     queued_ms: f64,
@@ -119,7 +124,7 @@ impl<'a> ReportFields<'a> {
 }
 
 /// What can be said about a map in a few numbers.
-#[derive(Serialize)]
+#[derive(Serialize, ToSchema)]
 struct DisparityStatistics {
     width: usize,
     height: usize,
@@ -138,7 +143,7 @@ struct DisparityStatistics {
 }
 
 /// `stereo.v1.Region`.
-#[derive(Serialize)]
+#[derive(Serialize, ToSchema)]
 struct Window {
     x: usize,
     y: usize,

@@ -136,3 +136,12 @@ fn only_what_can_pass_is_worth_trying_again() {
         assert_eq!(error.retry_after_s().is_some(), code == 503 || known, "{error}");
     }
 }
+
+#[test]
+fn every_code_is_listed() {
+    let codes: std::collections::BTreeSet<u16> = every_error()
+        .iter()
+        .map(|(error, ..)| error.http_code())
+        .collect();
+    assert_eq!(codes, ServiceError::HTTP_CODES.into());
+}

@@ -1,9 +1,10 @@
 //! The network that frames come over, as `/readyz` shows it.
 
 use serde::Serialize;
+use utoipa::ToSchema;
 
 /// What is known about Zenoh.
-#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, ToSchema)]
 pub(crate) struct Network {
     /// Where it stands.
     pub(crate) state: NetworkState,
@@ -27,7 +28,7 @@ pub(crate) struct Network {
 }
 
 /// Where a network stands.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum NetworkState {
     /// Switched off.

@@ -22,7 +22,7 @@ fn every_frame_is_answered_dropped_or_under_way() {
     stream.answered(Some(1), &[ReplyFormat::Protobuf], reply());
     stream.dropped(Some(2), &ServiceError::Superseded);
     stream.dropped(Some(3), &ServiceError::Superseded);
-    let view = stream_json(&stream);
+    let view = serde_json::json!(StreamView::of(&stream));
     let frames = &view["frames"];
     assert_eq!(frames["received"], 5);
     assert_eq!(frames["answered"], 1);
@@ -39,7 +39,7 @@ fn numbers_left_out_are_lost_frames_and_older_ones_are_late() {
     assert!(stream.numbered(13));
     assert!(!stream.numbered(13));
     assert!(!stream.numbered(12));
-    assert_eq!(stream_json(&stream)["frames"]["lost"], 2);
+    assert_eq!(serde_json::json!(StreamView::of(&stream))["frames"]["lost"], 2);
     assert!(stream.numbered(14));
     let restarted = stream.numbered(1_000_000) && stream.numbered(0);
     assert!(restarted, "a camera that counts from the start again is followed");

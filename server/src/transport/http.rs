@@ -6,6 +6,7 @@
 //! | `POST /v1/stereo/batch` | pairs in, results out as they finish ([`batch`]) |
 //! | `GET /v1/streams`, `/v1/streams/{camera}`, `../latest`, `../events` | camera streams, live ([`streams`]) |
 //! | `GET /metrics` | everything that is counted ([`about`]) |
+//! | `GET /openapi.json`, `/docs/` | this API's description, for programs and people ([`description`]) |
 //! | `GET /` and the files below | the web page ([`console`]) |
 //! | `GET /v1/info`, `/v1/schema.binpb`, `/livez`, `/readyz` | about the server ([`about`]) |
 
@@ -14,6 +15,7 @@ mod batch;
 mod body;
 mod connections;
 mod console;
+mod description;
 mod early;
 mod envelope;
 mod form;
@@ -64,7 +66,7 @@ pub fn router(config: &Config, simd: &'static str, service: Arc<Service>, stream
         batch_places: Arc::new(Semaphore::new(BACKGROUND_CAPACITY / 2)),
     };
     let names = Arc::new(envelope::RequestNames::new(&config.instance));
-    console::routes(Router::new())
+    description::routes(console::routes(Router::new()))
         .route("/v1/stereo", only("POST", post(frames::post)))
         .route("/v1/stereo/batch", only("POST", post(batch::post)))
         .route("/v1/streams", only("GET, HEAD", get(streams::all)))

@@ -6,16 +6,18 @@
 
 mod choice;
 mod object;
+mod schema;
 
 use bytes::Bytes;
 use prost_types::Timestamp;
 use serde::Deserialize;
 use stereo_proto::v1;
+use utoipa::ToSchema;
 
 use self::choice::{COMPRESSION, DENSITY, DISPARITY_ENCODING, OUTPUTS, PRESET, PRIORITY_CLASS, choice};
 use self::object::Object;
 use super::budget;
-use super::range::{MAX_ITERATIONS, MAX_TRIANGLES, MIN_DISPARITY, NUM_DISPARITIES, Range};
+use super::range::{self, MAX_ITERATIONS, MAX_TRIANGLES, MIN_DISPARITY, NUM_DISPARITIES, Range};
 use crate::decode::{self, Side};
 use crate::job::ImageEncoding;
 use crate::status::ServiceError;
@@ -65,70 +67,154 @@ fn image(side: Side, file: Bytes) -> Result<v1::Image, ServiceError> {
     })
 }
 
-/// The options part: everything of a request but its images.
-#[derive(Deserialize, Default)]
-#[serde(deny_unknown_fields, default)]
-struct FormOptions {
+/// The two images of a pair and what is wanted of them.
+#[derive(ToSchema)]
+#[schema(as = Pair)]
+#[expect(dead_code, reason = "described here, read part by part")]
+pub(crate) struct FormDescription {
+    /// Rectified left image: a PNG or JPEG file.
+    #[schema(value_type = String, format = Binary)]
+    left: Bytes,
+    /// Rectified right image of the same size: a PNG or JPEG file.
+    #[schema(value_type = String, format = Binary)]
+    right: Bytes,
+    /// What is wanted; absent: the defaults.
+    options: Option<FormOptions>,
+}
+
+/// Everything of a request but its images. What is absent or null has its default.
+#[derive(Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+#[schema(as = Options)]
+pub(crate) struct FormOptions {
+    /// Time from the first byte of the request at the server to the answer, in milliseconds. Absent: 100, and no bound for
+    /// background requests.
+    #[schema(exclusive_minimum = 0, maximum = 60000)]
     latency_budget_ms: Option<f64>,
+    #[schema(schema_with = schema::max_iterations)]
     max_iterations: Option<f64>,
+    #[schema(schema_with = schema::preset)]
     preset: Option<String>,
+    #[schema(schema_with = schema::min_confidence)]
     min_confidence: Option<f64>,
+    #[schema(schema_with = schema::num_disparities)]
     num_disparities: Option<f64>,
+    #[schema(schema_with = schema::min_disparity)]
     min_disparity: Option<f64>,
+    #[schema(schema_with = schema::density)]
     density: Option<String>,
+    /// The part of the left image that is matched. Absent: the whole image.
+    #[schema(value_type = Option<FormRegion>)]
     roi: Option<Object<FormRegion>>,
+    /// Regions that matter more than the rest and are finished first.
+    #[schema(value_type = Option<Vec<FormFocus>>, max_items = 16)]
     focus: Option<Vec<Object<FormFocus>>>,
+    #[schema(schema_with = schema::priority_class)]
     priority_class: Option<String>,
+    #[schema(schema_with = schema::outputs)]
     outputs: Option<Vec<String>>,
+    #[schema(schema_with = schema::disparity_encoding)]
     disparity_encoding: Option<String>,
+    #[schema(schema_with = schema::compression)]
     compression: Option<String>,
+    /// Whether the server may match at half resolution when the budget is short or it is overloaded. Absent: false.
     allow_downscale: Option<bool>,
+    /// How fine the mesh is, and which triangles it keeps.
+    #[schema(value_type = Option<FormMesh>)]
     mesh: Option<Object<FormMesh>>,
+    /// Whether mesh and points get the left image's colours. Absent: false.
     colors: Option<bool>,
+    /// Whether the mesh may be left out when the budget is short or the server overloaded. Absent: false.
     mesh_is_optional: Option<bool>,
+    /// Geometry of the rectified pair: makes metres of pixels.
+    #[schema(value_type = Option<FormCalibration>)]
     calibration: Option<Object<FormCalibration>>,
+    /// The client's name for the request.
+    #[schema(max_length = 128)]
     request_id: Option<String>,
+    /// The camera that took the pair.
+    #[schema(max_length = 64)]
     camera_id: Option<String>,
+    /// Number of the frame: a newer one of the same camera takes the place of one that still waits.
     sequence: Option<u64>,
+    /// When the pair was taken (RFC 3339).
+    #[schema(value_type = Option<String>, format = DateTime)]
     capture_time: Option<String>,
 }
 
-#[derive(Deserialize)]
+/// A part of the left image, in whole pixels.
+#[derive(Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
-struct FormRegion {
+#[schema(as = Region)]
+pub(crate) struct FormRegion {
+    /// First column.
+    #[schema(minimum = 0)]
     x: f64,
+    /// First row.
+    #[schema(minimum = 0)]
     y: f64,
+    /// Columns.
+    #[schema(minimum = 0)]
     width: f64,
+    /// Rows.
+    #[schema(minimum = 0)]
     height: f64,
 }
 
-#[derive(Deserialize)]
+/// A region that matters more than the rest, in whole pixels.
+#[derive(Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
-struct FormFocus {
+#[schema(as = Focus)]
+pub(crate) struct FormFocus {
+    /// First column.
+    #[schema(minimum = 0)]
     x: f64,
+    /// First row.
+    #[schema(minimum = 0)]
     y: f64,
+    /// Columns.
+    #[schema(minimum = 0)]
     width: f64,
+    /// Rows.
+    #[schema(minimum = 0)]
     height: f64,
+    #[schema(schema_with = schema::focus_weight)]
     weight: Option<f64>,
 }
 
-#[derive(Deserialize, Default)]
-#[serde(deny_unknown_fields, default)]
-struct FormMesh {
+/// How fine a mesh is, and which triangles it keeps.
+#[derive(Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+#[schema(as = MeshOptions)]
+pub(crate) struct FormMesh {
+    /// Keeps triangles that span a depth discontinuity or failed validation as well. Absent: false.
     keep_rejected: Option<bool>,
+    #[schema(schema_with = schema::max_disparity_step_px)]
     max_disparity_step_px: Option<f64>,
+    #[schema(schema_with = schema::min_valid_share)]
     min_valid_share: Option<f64>,
+    #[schema(schema_with = schema::tolerance_px)]
     tolerance_px: Option<f64>,
+    #[schema(schema_with = schema::max_triangles)]
     max_triangles: Option<f64>,
 }
 
-#[derive(Deserialize)]
+/// Geometry of a rectified pair: depth = focal_px * baseline_m / (disparity + doffs_px).
+#[derive(Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
-struct FormCalibration {
+#[schema(as = Calibration)]
+pub(crate) struct FormCalibration {
+    /// Focal length in pixels.
+    #[schema(exclusive_minimum = 0)]
     focal_px: f64,
+    /// Column of the left camera's principal point, in pixels.
     cx_px: f64,
+    /// Row of the principal point, in pixels.
     cy_px: f64,
+    /// Distance of the two cameras in metres.
+    #[schema(exclusive_minimum = 0)]
     baseline_m: f64,
+    /// Column of the right camera's principal point less that of the left, in pixels. Absent: 0.
     #[serde(default)]
     doffs_px: f64,
 }

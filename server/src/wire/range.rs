@@ -9,11 +9,11 @@ pub(super) struct Range {
     /// What is accepted, in words.
     pub(super) expected: &'static str,
     /// Smallest accepted value.
-    min: f64,
+    pub(super) min: f64,
     /// Largest accepted value.
-    max: f64,
+    pub(super) max: f64,
     /// What an accepted value is a multiple of; 0 = any value.
-    step: f64,
+    pub(super) step: f64,
 }
 
 pub(super) const MAX_ITERATIONS: Range = Range {

@@ -9,8 +9,12 @@ use axum::http::{HeaderValue, StatusCode};
 use axum::response::Response;
 use bytes::Bytes;
 use serde::Serialize;
+use utoipa::ToSchema;
 
 use super::Http;
+use super::description::Binary;
+use super::refusal::Refusal;
+use crate::info::Info;
 use crate::service::Health;
 use crate::status::ServiceError;
 use crate::streams::Network;
@@ -19,11 +23,25 @@ use crate::streams::Network;
 const OPEN_METRICS: &str = "application/openmetrics-text; version=1.0.0; charset=utf-8";
 
 /// `GET /v1/info`.
+#[utoipa::path(
+    get,
+    path = "/v1/info",
+    tag = "server",
+    summary = "What the server is: version, limits, presets and their ladders",
+    responses((status = 200, description = "The server", body = Info), Refusal),
+)]
 pub(super) async fn info(State(http): State<Arc<Http>>) -> Response {
     json(StatusCode::OK, &http.info)
 }
 
 /// `GET /v1/schema.binpb`: the wire's messages as a `google.protobuf.FileDescriptorSet`.
+#[utoipa::path(
+    get,
+    path = "/v1/schema.binpb",
+    tag = "server",
+    summary = "The protobuf messages, as a google.protobuf.FileDescriptorSet",
+    responses((status = 200, description = "The schema", body = Binary, content_type = "application/x-protobuf"), Refusal),
+)]
 pub(super) async fn schema() -> Response {
     typed(
         StatusCode::OK,
@@ -33,17 +51,45 @@ pub(super) async fn schema() -> Response {
 }
 
 /// `GET /livez`: the process answers.
+#[utoipa::path(
+    get,
+    path = "/livez",
+    tag = "server",
+    summary = "Whether the process answers",
+    responses((status = 200, description = "It does", body = Liveness), Refusal),
+)]
 pub(super) async fn live() -> Response {
     json(StatusCode::OK, &Liveness { status: "live" })
 }
 
 /// `GET /readyz`: 200 if a frame sent now would be taken, else 503 and why not.
+#[utoipa::path(
+    get,
+    path = "/readyz",
+    tag = "server",
+    summary = "Whether a frame sent now would be taken",
+    responses(
+        Refusal,
+        (status = 200, description = "It would", body = Readiness),
+        (status = 503, description = "It would not, and why", body = Readiness),
+    ),
+)]
 pub(super) async fn ready(State(http): State<Arc<Http>>) -> Response {
     let (code, readiness) = readiness(http.service.health(), http.streams.network());
     json(code, &readiness)
 }
 
 /// `GET /metrics`: OpenMetrics text.
+#[utoipa::path(
+    get,
+    path = "/metrics",
+    tag = "server",
+    summary = "Everything that is counted, as OpenMetrics text",
+    responses(
+        (status = 200, description = "The metrics", body = String, content_type = "application/openmetrics-text"),
+        Refusal,
+    ),
+)]
 pub(super) async fn metrics(State(http): State<Arc<Http>>) -> Response {
     let metrics = http.service.metrics();
     let (bodies, batches) = http.bodies.in_flight();
@@ -52,13 +98,15 @@ pub(super) async fn metrics(State(http): State<Arc<Http>>) -> Response {
     typed(StatusCode::OK, OPEN_METRICS, http.service.metrics_text().into())
 }
 
-#[derive(Serialize)]
-struct Liveness {
+/// The process answers.
+#[derive(Serialize, ToSchema)]
+pub(super) struct Liveness {
     status: &'static str,
 }
 
-#[derive(Debug, PartialEq, Eq, Serialize)]
-struct Readiness {
+/// Whether a frame sent now would be taken.
+#[derive(Debug, PartialEq, Eq, Serialize, ToSchema)]
+pub(super) struct Readiness {
     status: &'static str,
     #[serde(skip_serializing_if = "Option::is_none")]
     why: Option<String>,
@@ -115,9 +163,9 @@ fn readiness(health: Health, zenoh: Network) -> (StatusCode, Readiness) {
 pub(super) fn json(code: StatusCode, value: &impl Serialize) -> Response {
     match serde_json::to_vec(value) {
         Ok(body) => typed(code, "application/json", body.into()),
-        Err(error) => axum::response::IntoResponse::into_response(super::refusal::Refusal::from(
-            ServiceError::Internal(format!("the answer can't be written as JSON: {error}")),
-        )),
+        Err(error) => axum::response::IntoResponse::into_response(Refusal::from(ServiceError::Internal(
+            format!("the answer can't be written as JSON: {error}"),
+        ))),
     }
 }
 

@@ -29,6 +29,7 @@ use tokio::sync::OwnedSemaphorePermit;
 use self::reader::{Broken, Message, Reader, broken_off};
 use self::replies::{Outlet, Piece, channel};
 use super::connections::{Busy, Peer};
+use super::description::Binary;
 use super::envelope::{ReceivedAt, RequestId};
 use super::refusal::Refusal;
 use super::{Http, negotiate};
@@ -42,6 +43,18 @@ const DELIMITED: &str = "application/x-protobuf; delimited=true";
 const ID_CHARACTERS: usize = 100;
 
 /// The route.
+#[utoipa::path(
+    post,
+    path = "/v1/stereo/batch",
+    tag = "pairs",
+    summary = "Match any number of pairs, streaming, whenever nothing with a deadline has to run",
+    description = "Length-delimited `stereo.v1.StereoRequest`s in, length-delimited `stereo.v1.BatchReply`s out as they finish.",
+    request_body(description = "The requests, one after another", content((Binary = "application/x-protobuf"))),
+    responses(
+        (status = 200, description = "The replies", body = Binary, content_type = "application/x-protobuf"),
+        Refusal,
+    ),
+)]
 pub(super) async fn post(
     State(http): State<Arc<Http>>,
     Extension(ReceivedAt(received_at)): Extension<ReceivedAt>,

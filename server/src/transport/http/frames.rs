@@ -14,16 +14,18 @@ use tokio::sync::OwnedSemaphorePermit;
 use super::Http;
 use super::body::Received;
 use super::connections::{Departures, Peer};
+use super::description::{Binary, PictureName};
 use super::early::Sender;
 use super::envelope::{ReceivedAt, RequestId};
 use super::form::parts_from_multipart;
 use super::negotiate::{self, Reply};
 use super::refusal::Refusal;
+use crate::encode::Summary;
 use crate::job::{FrameRequest, PriorityClass, Report};
 use crate::service::Service;
 use crate::status::ServiceError;
 use crate::wire::{
-    Intake, decode_request, frame_request, is_request_id, latency_budget_from_grpc_timeout,
+    FormDescription, Intake, decode_request, frame_request, is_request_id, latency_budget_from_grpc_timeout,
     latency_budget_from_ms, request_from_form,
 };
 
@@ -49,6 +51,35 @@ enum Content {
 }
 
 /// The route.
+#[utoipa::path(
+    post,
+    path = "/v1/stereo",
+    tag = "pairs",
+    summary = "Match one pair within its latency budget",
+    description = "`Accept` chooses the reply: protobuf (`stereo.v1.StereoResult`), a summary as JSON, a 16-bit or colour PNG, the mesh \
+                   as GLB or PLY. Refusals come as `application/problem+json`, or as `stereo.v1.Status` to those who accept protobuf.",
+    params(
+        ("view" = inline(Option<PictureName>), Query, description = "A picture as PNG: disparity in 1/256 px (KITTI's convention), or in colours"),
+        ("X-Latency-Budget-Ms" = Option<f64>, Header, description = "Time to the answer; the smallest budget given counts",
+            exclusive_minimum = 0, maximum = 60000),
+        ("X-Request-Id" = Option<String>, Header, description = "The client's name for the request",
+            min_length = 1, max_length = 128, pattern = "^[ -~]*$"),
+    ),
+    request_body(description = "The pair: two image files and options, or a `stereo.v1.StereoRequest`", content(
+        (FormDescription = "multipart/form-data"),
+        (Binary = "application/x-protobuf"),
+    )),
+    responses(
+        (status = 200, description = "The result", content(
+            (Summary = "application/json"),
+            (Binary = "application/x-protobuf"),
+            (Binary = "image/png"),
+            (Binary = "model/gltf-binary"),
+            (Binary = "application/ply"),
+        )),
+        Refusal,
+    ),
+)]
 pub(super) async fn post(
     State(http): State<Arc<Http>>,
     Extension(ReceivedAt(received_at)): Extension<ReceivedAt>,

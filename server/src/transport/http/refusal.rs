@@ -1,14 +1,18 @@
 //! Refusals on their way out. Routes only say what went wrong; the envelope writes it in the form the client reads.
 
+use std::collections::BTreeMap;
+
 use axum::body::Body;
 use axum::http::header::{ALLOW, CONNECTION, CONTENT_TYPE, RETRY_AFTER};
 use axum::http::{HeaderValue, StatusCode, Version};
 use axum::response::{IntoResponse, Response};
 use prost::Message;
+use utoipa::IntoResponses;
+use utoipa::openapi::{self, Content, Ref, RefOr, ResponseBuilder};
 
 use super::body::leave_unread;
 use super::negotiate::{PROBLEM_JSON, PROTOBUF, RefusalForm};
-use crate::status::ServiceError;
+use crate::status::{ServiceError, title};
 
 /// A refusal that has not been written yet: a response that carries it as an extension.
 #[derive(Debug, Clone)]
@@ -54,6 +58,21 @@ impl IntoResponse for Refusal {
         let mut response = status(&self.error).into_response();
         response.extensions_mut().insert(self);
         response
+    }
+}
+
+impl IntoResponses for Refusal {
+    /// Every code of the table, in both forms.
+    fn responses() -> BTreeMap<String, RefOr<openapi::Response>> {
+        let described = |code: u16| {
+            ResponseBuilder::new()
+                .description(title(code))
+                .content(PROBLEM_JSON, Content::new(Some(Ref::from_schema_name("Problem"))))
+                .content(PROTOBUF, Content::new(Some(Ref::from_schema_name("Binary"))))
+                .into()
+        };
+        let codes = ServiceError::HTTP_CODES.into_iter();
+        codes.map(|code| (code.to_string(), described(code))).collect()
     }
 }
 

@@ -12,11 +12,13 @@ use futures_util::stream;
 use tokio::sync::broadcast::error::RecvError;
 
 use super::about::{json, typed};
+use super::description::{Binary, FrameViewName};
 use super::frames::view;
 use super::refusal::Refusal;
 use super::{Http, negotiate};
+use crate::encode::Summary;
 use crate::status::ServiceError;
-use crate::streams::{Event, Stream, event_json, stream_json, streams_json};
+use crate::streams::{Event, Stream, StreamView, StreamsView, event_json};
 
 /// The view that has everything in it, a `StreamView`.
 const WHOLE_FRAME: &str = "frame";
@@ -26,19 +28,54 @@ const NEXT_RESULT_WITHIN: Duration = Duration::from_secs(2);
 const KEEP_ALIVE: Duration = Duration::from_secs(5);
 
 /// `GET /v1/streams`.
+#[utoipa::path(
+    get,
+    path = "/v1/streams",
+    tag = "streams",
+    summary = "Every camera's stream, and the network they come over",
+    responses((status = 200, description = "All streams", body = StreamsView), Refusal),
+)]
 pub(super) async fn all(State(http): State<Arc<Http>>) -> Response {
-    json(StatusCode::OK, &streams_json(&http.streams))
+    json(StatusCode::OK, &StreamsView::of(&http.streams))
 }
 
 /// `GET /v1/streams/{camera}`.
+#[utoipa::path(
+    get,
+    path = "/v1/streams/{camera}",
+    tag = "streams",
+    summary = "One camera's stream",
+    params(("camera" = String, Path, description = "Name of the camera")),
+    responses((status = 200, description = "The stream", body = StreamView), Refusal),
+)]
 pub(super) async fn one(
     State(http): State<Arc<Http>>,
     Path(camera): Path<String>,
 ) -> Result<Response, Refusal> {
-    Ok(json(StatusCode::OK, &stream_json(&*find(&http, &camera)?)))
+    Ok(json(StatusCode::OK, &StreamView::of(&*find(&http, &camera)?)))
 }
 
 /// `GET /v1/streams/{camera}/latest`: the next result, in the accepted format; with `?view=frame`, everything there is to see of it.
+#[utoipa::path(
+    get,
+    path = "/v1/streams/{camera}/latest",
+    tag = "streams",
+    summary = "A camera's next result",
+    description = "Waits two seconds at most. `Accept` chooses the format as for a single pair.",
+    params(
+        ("camera" = String, Path, description = "Name of the camera"),
+        ("view" = inline(Option<FrameViewName>), Query, description = "A picture as PNG, or everything there is to see of the frame as `stereo.v1.StreamView`"),
+    ),
+    responses(
+        (status = 200, description = "The result", content(
+            (Summary = "application/json"),
+            (Binary = "application/x-protobuf"),
+            (Binary = "image/png"),
+            (Binary = "model/gltf-binary"),
+        )),
+        Refusal,
+    ),
+)]
 pub(super) async fn latest(
     State(http): State<Arc<Http>>,
     Path(camera): Path<String>,
@@ -81,6 +118,15 @@ pub(super) async fn latest(
 
 /// `GET /v1/streams/{camera}/events`: server-sent events, `result` and `dropped`, as they happen; `missed` says how many a slow reader
 /// has missed.
+#[utoipa::path(
+    get,
+    path = "/v1/streams/{camera}/events",
+    tag = "streams",
+    summary = "What becomes of a camera's frames, as it happens",
+    description = "Server-sent events `result`, `dropped` and `missed` with JSON data, until the server stops or the client goes.",
+    params(("camera" = String, Path, description = "Name of the camera")),
+    responses((status = 200, description = "Events", body = String, content_type = "text/event-stream"), Refusal),
+)]
 pub(super) async fn events(
     State(http): State<Arc<Http>>,
     Path(camera): Path<String>,

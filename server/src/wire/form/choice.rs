@@ -8,40 +8,50 @@ pub(super) struct Choice {
     name: &'static str,
     /// What its values' names start with on the wire.
     prefix: &'static str,
-    /// The names, for people.
-    expected: &'static str,
+    /// The names.
+    pub(super) values: &'static [&'static str],
 }
 
 pub(super) const PRESET: Choice = Choice {
     name: "preset",
     prefix: "PRESET_",
-    expected: "default, fast or paper",
+    values: &["default", "fast", "paper"],
 };
 pub(super) const DENSITY: Choice = Choice {
     name: "density",
     prefix: "DENSITY_",
-    expected: "semi_dense or dense",
+    values: &["semi_dense", "dense"],
 };
 pub(super) const PRIORITY_CLASS: Choice = Choice {
     name: "priority_class",
     prefix: "PRIORITY_CLASS_",
-    expected: "deadline, best_effort or background",
+    values: &["deadline", "best_effort", "background"],
 };
 pub(super) const OUTPUTS: Choice = Choice {
     name: "outputs",
     prefix: "OUTPUT_",
-    expected: "disparity, confidence, depth, mesh or points",
+    values: &["disparity", "confidence", "depth", "mesh", "points"],
 };
 pub(super) const DISPARITY_ENCODING: Choice = Choice {
     name: "disparity_encoding",
     prefix: "DISPARITY_ENCODING_",
-    expected: "f32, u16 or png16",
+    values: &["f32", "u16", "png16"],
 };
 pub(super) const COMPRESSION: Choice = Choice {
     name: "compression",
     prefix: "COMPRESSION_",
-    expected: "none, zstd or lz4",
+    values: &["none", "zstd", "lz4"],
 };
+
+impl Choice {
+    /// The names, for people: `a, b or c`.
+    fn expected(&self) -> String {
+        match self.values {
+            [others @ .., last] if !others.is_empty() => format!("{} or {last}", others.join(", ")),
+            few => few.concat(),
+        }
+    }
+}
 
 /// The value called `given` in lower case and without the prefix; absent = unspecified.
 pub(super) fn choice<E: Into<i32>>(
@@ -56,7 +66,8 @@ pub(super) fn choice<E: Into<i32>>(
         let start: String = given.chars().take(32).collect();
         ServiceError::Invalid(format!(
             "{} must be {}, got {start:?}",
-            field.name, field.expected
+            field.name,
+            field.expected()
         ))
     })
 }
