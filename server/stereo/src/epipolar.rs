@@ -455,11 +455,14 @@ fn sum_vectors<L: Lanes, T: Known, const BACK: bool, const N: usize>(
 #[inline(always)]
 fn add_to_costs<L: Lanes, const N: usize>(lanes: L, sums: &[L::V; N], costs: &mut [u16], replaces: bool) {
     for (sum, costs) in sums.iter().zip(costs.chunks_exact_mut(L::BYTES)) {
-        let mut bytes = [0; MOST_BYTES];
-        lanes.store(*sum, &mut bytes);
-        for (cost, sum) in costs.iter_mut().zip(&bytes) {
-            let before = if replaces { 0 } else { *cost };
-            *cost = before + u16::from(*sum);
+        if replaces {
+            lanes.widen(*sum, costs);
+            continue;
+        }
+        let mut words = [0; MOST_BYTES];
+        lanes.widen(*sum, &mut words);
+        for (cost, word) in costs.iter_mut().zip(words) {
+            *cost += word;
         }
     }
 }

@@ -228,6 +228,17 @@ impl Lanes for Avx2 {
     }
 
     #[inline(always)]
+    fn widen(self, v: __m256i, to: &mut [u16]) {
+        let to = &mut to[..Self::BYTES];
+        // SAFETY: `self` proves that AVX2 is there; the slice has as many words as are written.
+        unsafe {
+            let (low, high) = (_mm256_castsi256_si128(v), _mm256_extracti128_si256::<1>(v));
+            _mm256_storeu_si256(to.as_mut_ptr().cast(), _mm256_cvtepu8_epi16(low));
+            _mm256_storeu_si256(to[16..].as_mut_ptr().cast(), _mm256_cvtepu8_epi16(high));
+        }
+    }
+
+    #[inline(always)]
     fn total(self, v: __m256i) -> u32 {
         // SAFETY: `self` proves that AVX2 is there.
         unsafe {

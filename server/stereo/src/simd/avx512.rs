@@ -7,15 +7,15 @@ use std::arch::x86_64::{
     _mm512_add_epi32, _mm512_adds_epu8, _mm512_and_si512, _mm512_avg_epu8, _mm512_bslli_epi128,
     _mm512_bsrli_epi128, _mm512_castsi128_si512, _mm512_castsi512_si128, _mm512_castsi512_si256,
     _mm512_cmpeq_epi8_mask, _mm512_cmpeq_epi16_mask, _mm512_cmpgt_epi16_mask, _mm512_cmpgt_epu8_mask,
-    _mm512_cmplt_epu8_mask, _mm512_extracti32x4_epi32, _mm512_extracti64x4_epi64, _mm512_inserti32x4,
-    _mm512_loadu_si512, _mm512_mask_add_epi8, _mm512_mask_min_epu16, _mm512_mask_storeu_epi16,
-    _mm512_maskz_shuffle_epi8, _mm512_max_epi32, _mm512_max_epu8, _mm512_max_epu16, _mm512_min_epi32,
-    _mm512_min_epu8, _mm512_min_epu16, _mm512_movm_epi8, _mm512_mullo_epi32, _mm512_permutex2var_epi8,
-    _mm512_permutex2var_epi16, _mm512_permutexvar_epi8, _mm512_popcnt_epi8, _mm512_reduce_add_epi32,
-    _mm512_rol_epi32, _mm512_sad_epu8, _mm512_set1_epi8, _mm512_set1_epi16, _mm512_set1_epi32,
-    _mm512_setr_epi32, _mm512_setzero_si512, _mm512_shuffle_epi8, _mm512_shuffle_epi32, _mm512_srli_epi16,
-    _mm512_storeu_si512, _mm512_sub_epi8, _mm512_sub_epi16, _mm512_subs_epu8, _mm512_ternarylogic_epi64,
-    _mm512_unpackhi_epi8, _mm512_unpacklo_epi8, _mm512_xor_si512,
+    _mm512_cmplt_epu8_mask, _mm512_cvtepu8_epi16, _mm512_extracti32x4_epi32, _mm512_extracti64x4_epi64,
+    _mm512_inserti32x4, _mm512_loadu_si512, _mm512_mask_add_epi8, _mm512_mask_min_epu16,
+    _mm512_mask_storeu_epi16, _mm512_maskz_shuffle_epi8, _mm512_max_epi32, _mm512_max_epu8, _mm512_max_epu16,
+    _mm512_min_epi32, _mm512_min_epu8, _mm512_min_epu16, _mm512_movm_epi8, _mm512_mullo_epi32,
+    _mm512_permutex2var_epi8, _mm512_permutex2var_epi16, _mm512_permutexvar_epi8, _mm512_popcnt_epi8,
+    _mm512_reduce_add_epi32, _mm512_rol_epi32, _mm512_sad_epu8, _mm512_set1_epi8, _mm512_set1_epi16,
+    _mm512_set1_epi32, _mm512_setr_epi32, _mm512_setzero_si512, _mm512_shuffle_epi8, _mm512_shuffle_epi32,
+    _mm512_srli_epi16, _mm512_storeu_si512, _mm512_sub_epi8, _mm512_sub_epi16, _mm512_subs_epu8,
+    _mm512_ternarylogic_epi64, _mm512_unpackhi_epi8, _mm512_unpacklo_epi8, _mm512_xor_si512,
 };
 
 use super::Kernel;
@@ -254,6 +254,17 @@ impl Lanes for Avx512 {
         let (low, high) = (self.load(table), self.load(&table[Self::BYTES..]));
         // SAFETY: `self` proves that AVX-512 is there.
         unsafe { _mm512_permutex2var_epi8(low, which, high) }
+    }
+
+    #[inline(always)]
+    fn widen(self, v: __m512i, to: &mut [u16]) {
+        let to = &mut to[..Self::BYTES];
+        // SAFETY: `self` proves that AVX-512 is there; the slice has as many words as are written.
+        unsafe {
+            let (low, high) = (_mm512_castsi512_si256(v), _mm512_extracti64x4_epi64::<1>(v));
+            _mm512_storeu_si512(to.as_mut_ptr().cast(), _mm512_cvtepu8_epi16(low));
+            _mm512_storeu_si512(to[32..].as_mut_ptr().cast(), _mm512_cvtepu8_epi16(high));
+        }
     }
 
     #[inline(always)]

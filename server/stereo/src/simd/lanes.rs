@@ -92,6 +92,16 @@ pub(crate) trait Lanes: Copy {
         }
         found
     }
+
+    /// Writes every byte as a word to the first `BYTES` of `to`.
+    #[inline(always)]
+    fn widen(self, v: Self::V, to: &mut [u16]) {
+        let mut bytes = [0; MOST_BYTES];
+        self.store(v, &mut bytes);
+        for (to, byte) in to[..Self::BYTES].iter_mut().zip(bytes) {
+            *to = byte.into();
+        }
+    }
     /// Sum of all bytes.
     fn total(self, v: Self::V) -> u32;
     /// The largest label of each pixel, for all its labels.
