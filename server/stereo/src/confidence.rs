@@ -125,11 +125,12 @@ pub(crate) fn rate_dense(
     });
 }
 
-struct Dense<'a> {
-    scale: CostScale,
-    certainties: &'a [u8],
-    costs: Option<&'a [u8]>,
-    confidence: &'a mut [u8],
+/// The same as a kernel.
+pub(crate) struct Dense<'a> {
+    pub(crate) scale: CostScale,
+    pub(crate) certainties: &'a [u8],
+    pub(crate) costs: Option<&'a [u8]>,
+    pub(crate) confidence: &'a mut [u8],
 }
 
 impl Kernel for Dense<'_> {

@@ -8,7 +8,7 @@ use crate::confidence::{CostScale, rate_costs};
 use crate::cost::Scratch;
 use crate::disparity::{DisparityMap, FIXED_PER_PX};
 use crate::fast::Corners;
-use crate::fork_join::{self, ForkJoin};
+use crate::fork_join::{self, ForkJoin, Serial};
 use crate::gradient::Gradient;
 use crate::image::{GrayView, Roi, Shape, StereoPair};
 use crate::ladder::{Recipe, Rung, Work};
@@ -338,10 +338,12 @@ impl Frame {
             Work::Mesh { .. } | Work::Propagate | Work::Paper { .. } => {
                 publish::Confidence::OfCosts(scale, &self.cost)
             }
-            Work::HalfBand | Work::Full => {
-                self.rate_dense(rung, scale, join);
-                publish::Confidence::Known(&self.confidence)
-            }
+            Work::HalfBand | Work::Full => publish::Confidence::OfCertainties {
+                scale: dense::scale(scale),
+                certainties: self.half.result().1,
+                width: self.half.width(),
+                costs: (rung.work == Work::Full).then_some(&self.cost[..]),
+            },
         };
         let maps = publish::Maps {
             window: self.window,
@@ -377,14 +379,12 @@ impl Frame {
         out: &mut Mesh,
     ) {
         let is_dense = is_dense(rung);
-        if !is_dense {
-            // Publishing such a rung has rated its costs on the way.
-            rate_costs(
-                self.level,
-                CostScale::of(recipe),
-                &self.cost,
-                &mut self.confidence,
-            );
+        // Publishing has rated the pixels on the way.
+        let scale = CostScale::of(recipe);
+        if is_dense {
+            self.rate_dense(rung, scale, &Serial);
+        } else {
+            rate_costs(self.level, scale, &self.cost, &mut self.confidence);
         }
         let limits = surface::Limits {
             tolerance_px: params.tolerance_px,

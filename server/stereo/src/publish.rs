@@ -5,7 +5,7 @@ use std::sync::Mutex;
 use block::{BLOCK, Block, Row, Rule};
 
 use crate::changes::{Blocks, Changes};
-use crate::confidence::CostScale;
+use crate::confidence::{CostScale, Dense};
 use crate::disparity::DisparityMap;
 use crate::fork_join::{self, ForkJoin};
 use crate::frame::Window;
@@ -31,6 +31,14 @@ pub(crate) enum Confidence<'a> {
     Known(&'a [u8]),
     /// What these costs are worth.
     OfCosts(CostScale, &'a [u8]),
+    /// What is known of a dense rung (see `confidence::rate_dense`).
+    OfCertainties {
+        scale: CostScale,
+        /// Half resolution rows of `width`.
+        certainties: &'a [u8],
+        width: usize,
+        costs: Option<&'a [u8]>,
+    },
 }
 
 /// What was published.
@@ -155,11 +163,12 @@ impl Kernel for Publish<'_> {
         } = self;
         let window = maps.window.roi;
         let scale = match maps.confidence {
-            Confidence::Known(_) => None,
+            Confidence::Known(_) | Confidence::OfCertainties { .. } => None,
             Confidence::OfCosts(scale, _) => Some(scale),
         };
         let rule = Rule::new(params, scale);
         let mut all = Counts::default();
+        let mut rated = [0; Shape::MAX_SIDE_PX];
         let rows = fixed
             .chunks_exact_mut(width)
             .zip(confidence.chunks_exact_mut(width))
@@ -168,13 +177,30 @@ impl Kernel for Publish<'_> {
             let from = (y - window.y) * window.width + roi.x - window.x;
             let span = from..from + roi.width;
             let target = roi.x..roi.x + roi.width;
+            let rated = match maps.confidence {
+                Confidence::Known(map) | Confidence::OfCosts(_, map) => &map[span.clone()],
+                Confidence::OfCertainties {
+                    scale,
+                    certainties,
+                    width,
+                    costs,
+                } => {
+                    let row = y - window.y;
+                    let dense = Dense {
+                        scale,
+                        certainties: &certainties[row / 2 * width..][..width],
+                        costs: costs.map(|costs| &costs[row * window.width..][..window.width]),
+                        confidence: &mut rated[..window.width],
+                    };
+                    dense.run(lanes);
+                    &rated[roi.x - window.x..][..roi.width]
+                }
+            };
             let mut row = Row {
                 mask: &maps.mask[span.clone()],
                 interpolated: &maps.interpolated[span.clone()],
-                disparity: &maps.disparity[span.clone()],
-                rated: match maps.confidence {
-                    Confidence::Known(map) | Confidence::OfCosts(_, map) => &map[span],
-                },
+                disparity: &maps.disparity[span],
+                rated,
                 fixed: &mut fixed[target.clone()],
                 confidence: &mut confidence[target],
                 changed: &mut [0; BLOCK],

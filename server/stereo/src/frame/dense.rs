@@ -55,6 +55,11 @@ const HALF: Constants = Constants {
     speckle_px: 100,
 };
 
+/// A dense rung's scale from that of the mesh rungs: what is known besides the cost allows a dearer match to be believed.
+pub(super) fn scale(of_mesh: CostScale) -> CostScale {
+    of_mesh.milder(40)
+}
+
 impl Frame {
     /// Does `part`; the answer is what comes next.
     pub(super) fn dense_step(&mut self, part: Part, join: &dyn ForkJoin) -> Stage {
@@ -128,8 +133,7 @@ impl Frame {
 
     /// Confidences after a dense rung.
     pub(super) fn rate_dense(&mut self, rung: &Rung, scale: CostScale, join: &dyn ForkJoin) {
-        // What is known besides the cost allows a dearer match to be believed.
-        let scale = scale.milder(40);
+        let scale = self::scale(scale);
         let (_, certainty) = self.half.result();
         let (level, width, half_width) = (self.level, self.width(), self.half.width());
         let rows_a_piece = self.height().div_ceil(fork_join::pieces(join));
