@@ -107,12 +107,12 @@ load:
 	cargo test --release --workspace --no-run
 	target/release/load --suite overload --write README.md $(ARGS)
 
-# What Zenoh costs beside HTTP, eight cameras of 30 Hz for ten minutes twice; writes the README's tables. Shorter: make load-zenoh
-# SECONDS=15.
+# What Zenoh costs beside HTTP, eight cameras of 30 Hz for ten minutes a row, and how long a camera is without a server when something
+# fails; writes the README's tables. Shorter: make load-zenoh SECONDS=15.
 SECONDS = 600
 load-zenoh:
 	cargo test --release --workspace --no-run
-	for suite in round-trips cameras; do \
+	for suite in round-trips cameras takeovers; do \
 		target/release/load --suite $$suite --seconds $(SECONDS) --write README.md $(ARGS) || exit 1; \
 	done
 

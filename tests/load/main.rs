@@ -58,6 +58,7 @@ fn main() -> Result<ExitCode> {
         Some(args::Suite::Overload) => suite::run(&args).map(|()| ExitCode::SUCCESS),
         Some(args::Suite::RoundTrips) => zenoh::round_trips(&args).map(|()| ExitCode::SUCCESS),
         Some(args::Suite::Cameras) => zenoh::cameras(&args).map(|()| ExitCode::SUCCESS),
+        Some(args::Suite::Takeovers) => zenoh::takeovers(&args).map(|()| ExitCode::SUCCESS),
         None => one(&args),
     }
 }

@@ -2,6 +2,7 @@
 
 mod cameras;
 mod round_trip;
+mod takeover;
 
 use std::time::Duration;
 
@@ -50,6 +51,12 @@ pub(crate) fn cameras(args: &Args) -> Result<()> {
         "cameras",
         &format!("{}\n{}", cameras::HEADER, rows.join("\n")),
     )
+}
+
+/// Failures of servers and routers.
+pub(crate) fn takeovers(args: &Args) -> Result<()> {
+    let table = runtime()?.block_on(takeover::measure(args.stereod.as_deref()))?;
+    publish(args, "takeovers", &table)
 }
 
 /// Not kept apart by cores: the server, its network threads and the cameras share them all, as on a robot.

@@ -17,6 +17,8 @@ pub(crate) enum Suite {
     RoundTrips,
     /// Eight cameras of 30 Hz over Zenoh for `--seconds` each, their phases spread and all at once.
     Cameras,
+    /// How long a camera is without results when a server or a Zenoh router fails.
+    Takeovers,
 }
 
 /// A part of the suite.
