@@ -659,3 +659,15 @@ proptest! {
         prop_assert!(mesh.triangles.len() <= 100);
     }
 }
+
+#[test]
+fn fast_forgets_the_views_and_finds_in_them_what_default_does() {
+    // More rows than are taken in at a time, and not a multiple of them.
+    let pair = Pair::with_disparity(333, 151, |y| 8 + i64::try_from(y % 37 / 12 * 11).unwrap());
+    let first = |params| {
+        climb(&mut matcher(pair.shape(), params), &pair, &Serial)
+            .swap_remove(0)
+            .1
+    };
+    assert!(first(Params::fast()) == first(Params::default()));
+}
