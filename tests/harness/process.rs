@@ -23,7 +23,7 @@ pub fn target_dir() -> Result<PathBuf> {
         .with_context(|| format!("{} isn't in a target folder", program.display()))
 }
 
-/// What the binary is built from, below the workspace's root.
+/// What the server is built from, below the workspace's root.
 const SOURCES: [&str; 7] = [
     "server/build.rs",
     "server/src",
@@ -34,43 +34,56 @@ const SOURCES: [&str; 7] = [
     "Cargo.lock",
 ];
 
-/// The release binary. `cargo test --workspace` has built it; if it isn't there or older than its sources, which
+/// What the command line is built from.
+const CLIENT_SOURCES: [&str; 4] = ["clients/cli/src", "clients/rust/src", "proto/src", "Cargo.lock"];
+
+/// The server's release binary. `cargo test --workspace` has built it; if it isn't there or older than its sources, which
 /// happens when less than the workspace is built, cargo is asked for it once a process.
 ///
 /// # Errors
 /// If it can't be built.
 pub fn binary() -> Result<&'static Path> {
     static BINARY: OnceLock<Result<PathBuf, String>> = OnceLock::new();
-    match BINARY.get_or_init(|| current_binary().map_err(|why| format!("{why:#}"))) {
+    once(&BINARY, "stereod", &SOURCES)
+}
+
+/// The same of the command line, `stereo`.
+///
+/// # Errors
+/// If it can't be built.
+pub fn client_binary() -> Result<&'static Path> {
+    static BINARY: OnceLock<Result<PathBuf, String>> = OnceLock::new();
+    once(&BINARY, "stereo", &CLIENT_SOURCES)
+}
+
+fn once(
+    binary: &'static OnceLock<Result<PathBuf, String>>,
+    name: &str,
+    sources: &[&str],
+) -> Result<&'static Path> {
+    match binary.get_or_init(|| current_binary(name, sources).map_err(|why| format!("{why:#}"))) {
         Ok(path) => Ok(path),
         Err(why) => bail!("{why}"),
     }
 }
 
-fn current_binary() -> Result<PathBuf> {
+fn current_binary(name: &str, sources: &[&str]) -> Result<PathBuf> {
     let target = target_dir()?;
-    let binary = target.join("release/stereod");
+    let binary = target.join("release").join(name);
     let root = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/.."));
     let built = binary.metadata().and_then(|file| file.modified());
-    if built.is_ok_and(|built| SOURCES.iter().all(|source| is_older(&root.join(source), built))) {
+    if built.is_ok_and(|built| sources.iter().all(|source| is_older(&root.join(source), built))) {
         return Ok(binary);
     }
     let status = Command::new("cargo")
-        .args([
-            "build",
-            "--release",
-            "--quiet",
-            "--workspace",
-            "--bin",
-            "stereod",
-            "--target-dir",
-        ])
+        .args(["build", "--release", "--quiet", "--workspace", "--bin", name])
+        .arg("--target-dir")
         .arg(&target)
         .current_dir(root)
         .status()
-        .context("can't run cargo to build stereod")?;
+        .with_context(|| format!("can't run cargo to build {name}"))?;
     if !status.success() {
-        bail!("`cargo build --release --workspace --bin stereod` failed: {status}");
+        bail!("`cargo build --release --workspace --bin {name}` failed: {status}");
     }
     Ok(binary)
 }

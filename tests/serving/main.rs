@@ -10,6 +10,7 @@ mod bad_options;
 mod batch;
 mod budgets;
 mod client;
+mod command_line;
 mod conversation;
 mod crowds;
 mod encodings;

@@ -1,6 +1,7 @@
 //! The real binary over real Zenoh sessions, through a router of the test's own.
 
 mod clients;
+mod command_line;
 mod errors;
 mod fleet;
 mod frames;

@@ -12,12 +12,13 @@ use prost::Message;
 use reqwest::header::{ACCEPT, CONTENT_TYPE, HeaderMap};
 use reqwest::multipart::{Form, Part};
 use reqwest::{RequestBuilder, Response, Url};
+use serde::de::DeserializeOwned;
 use stereo_proto::v1::{Status, StereoRequest, StereoResult};
 use tokio::sync::oneshot;
 
 use crate::compression::decompress;
 use crate::error::status_from_problem_json;
-use crate::{Accept, BatchReplies, ClientError, Info, Reply, StageTimes};
+use crate::{Accept, BatchReplies, ClientError, Info, Readiness, Reply, StageTimes, Streams};
 
 /// How long a connection may take to be made.
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(5);
@@ -168,7 +169,31 @@ impl Client {
     /// As [`match_pair`](Self::match_pair).
     pub async fn info(&self) -> Result<Info, ClientError> {
         let answer = self.exchange(self.http.get(self.url("/v1/info")?)).await?;
-        serde_json::from_slice(&answer.body).map_err(|why| ClientError::Malformed(why.to_string()))
+        from_json(&answer.body)
+    }
+
+    /// The camera streams that the server has seen.
+    ///
+    /// # Errors
+    /// As [`match_pair`](Self::match_pair).
+    pub async fn streams(&self) -> Result<Streams, ClientError> {
+        let answer = self.exchange(self.http.get(self.url("/v1/streams")?)).await?;
+        from_json(&answer.body)
+    }
+
+    /// Whether the server takes frames now, and if not, why.
+    ///
+    /// # Errors
+    /// As [`match_pair`](Self::match_pair); that it is not ready is no error.
+    pub async fn readiness(&self) -> Result<Readiness, ClientError> {
+        let asked = self.http.get(self.url("/readyz")?).send().await;
+        let answer = asked.map_err(|error| self.failed(&error))?;
+        let (code, content_type, _) = head(&answer);
+        let body = answer.bytes().await.map_err(|error| self.failed(&error))?;
+        if content_type == "application/json" {
+            return from_json(&body);
+        }
+        Err(self.refused(code, &content_type, &body))
     }
 
     /// Waits until the server takes frames, asking it every 20 ms.
@@ -257,6 +282,10 @@ fn head(answer: &Response) -> (u16, String, String) {
         text(headers, "content-type"),
         text(headers, "server-timing"),
     )
+}
+
+fn from_json<T: DeserializeOwned>(body: &[u8]) -> Result<T, ClientError> {
+    serde_json::from_slice(body).map_err(|why| ClientError::Malformed(why.to_string()))
 }
 
 /// A refusal in either of its forms.

@@ -2,6 +2,7 @@
 //! sent to a second one when the first is slow.
 
 mod camera;
+mod presence;
 mod roster;
 
 use std::sync::Arc;
@@ -16,6 +17,7 @@ use zenoh::bytes::{Encoding, ZBytes};
 use zenoh::pubsub::Subscriber;
 
 pub use self::camera::{Camera, Results};
+pub use self::presence::CameraPresence;
 use self::roster::Roster;
 use crate::ClientError;
 use crate::compression::decompress;
@@ -94,6 +96,29 @@ impl Fleet {
     #[must_use]
     pub fn servers(&self) -> Vec<ServerLoad> {
         self.roster.servers()
+    }
+
+    /// Waits until a server is there that has told its load, as each does five times a second: the loads of all, none after `timeout`.
+    /// Just after [`connect`](Self::connect), nothing may have come yet.
+    pub async fn look(&self, timeout: Duration) -> Vec<ServerLoad> {
+        let until = Instant::now() + timeout;
+        loop {
+            let servers = self.servers();
+            // One that has no workers has not told its load.
+            let all_told = !servers.is_empty() && servers.iter().all(|server| server.workers > 0);
+            if all_told || Instant::now() >= until {
+                return servers;
+            }
+            tokio::time::sleep(LOOK_AGAIN).await;
+        }
+    }
+
+    /// Asks the network which cameras are there, and who serves each.
+    ///
+    /// # Errors
+    /// [`ClientError::Network`] if the session is closed.
+    pub async fn cameras(&self) -> Result<Vec<CameraPresence>, ClientError> {
+        presence::cameras(&self.session).await
     }
 
     /// The session, for whatever this client doesn't do.

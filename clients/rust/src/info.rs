@@ -1,9 +1,9 @@
 //! What a server says about itself. What a newer server says besides is left out.
 
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
 /// The answer of `GET /v1/info`.
-#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Info {
     /// The software's version.
     pub version: String,
@@ -20,7 +20,7 @@ pub struct Info {
 }
 
 /// The limits a client has to keep.
-#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Limits {
     /// Size of one request's body in bytes.
     pub body_bytes: u64,
@@ -33,7 +33,7 @@ pub struct Limits {
 }
 
 /// One preset.
-#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct PresetInfo {
     /// The name that options give.
     pub name: String,

@@ -43,14 +43,18 @@ mod fleet;
 mod info;
 mod payload;
 mod reply;
+mod streams;
 
 pub use batch::BatchReplies;
 pub use client::{Client, PairFiles};
 pub use error::ClientError;
 #[cfg(feature = "zenoh")]
-pub use fleet::{Camera, Fleet, Results};
+pub use fleet::{Camera, CameraPresence, Fleet, Results};
 pub use info::{Info, Limits, PresetInfo};
 pub use payload::{depth_m, disparity_px};
 pub use reply::{Accept, Reply, StageTimes};
 /// The messages of the wire.
 pub use stereo_proto::v1;
+pub use streams::{
+    CameraStream, Frames, Images, LastResult, Network, Rates, Readiness, StreamReport, Streams,
+};

@@ -1,0 +1,150 @@
+//! What `stereo` does with cameras and servers over Zenoh.
+
+use serde_json::Value;
+use stereo_tests::zenoh::{Router, client};
+
+use super::network::{Network, serve, until_alive};
+use crate::command_line::{Folder, stereo};
+use crate::conversation::{PAIR, message};
+
+/// The checks of `doctor`, by their names.
+fn check<'a>(lines: &'a [Value], name: &str) -> &'a Value {
+    let found = lines.iter().find(|line| line["check"] == name);
+    found.unwrap_or_else(|| panic!("no check {name:?} in {lines:?}"))
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_pair_is_matched_by_whoever_is_on_the_network() {
+    let router = Router::start().await.expect("a router on a free port");
+    let folder = Folder::new("zenoh-match");
+    let left = folder.write("left.png", &PAIR.left);
+    let right = folder.write("right.png", &PAIR.right);
+    let args = ["match", &left, &right, "--budget", "60s", "--json"];
+    stereo(router.endpoint(), &args[..5]).assert(3, &["no server is on the network"]);
+    let server = serve(&router, "north", &[]);
+    server.until_ready().await;
+    let session = client(router.endpoint())
+        .await
+        .expect("a connection to the router");
+    until_alive(&session, "stereo/v1/alive/north").await;
+    let said = stereo(router.endpoint(), &args);
+    said.assert(0, &[]);
+    assert_eq!(said.json()[0]["report"]["instance"], "north");
+    stereo(router.endpoint(), &["info"]).assert(0, &["north", "backlog ms"]);
+    let zenoh = router.endpoint().replace("tcp/", "zenoh://");
+    let said = stereo(&zenoh, &["watch", "--once", "--json"]);
+    said.assert(0, &[]);
+    assert_eq!(said.json()[0]["servers"][0]["instance"], "north");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_folder_plays_as_a_camera_and_watch_shows_it() {
+    let network = Network::start(&[]).await;
+    let folder = Folder::new("stream");
+    folder.pairs(2);
+    let url = network.server.process.url();
+    let args = [
+        "stream",
+        &folder.path(""),
+        "--camera",
+        "front",
+        "--rate",
+        "2",
+        "--budget",
+        "5s",
+    ];
+    let said = stereo(url, &[&args[..], &["--repeat", "2", "--json"]].concat());
+    said.assert(0, &[]);
+    let lines = said.json();
+    let (summary, results) = lines.split_last().expect("a summary");
+    assert_eq!(
+        (&summary["camera"], &summary["sent"]),
+        (&"front".into(), &4.into()),
+        "{summary}"
+    );
+    assert_eq!(summary["results"], results.len(), "{summary}");
+    assert_eq!(summary["without_result"], 4 - results.len(), "{summary}");
+    assert!(
+        results
+            .iter()
+            .all(|line| line["latency_ms"].as_f64().is_some_and(|ms| ms > 0.0)),
+        "{lines:?}"
+    );
+    let said = stereo(url, &["watch", "--once", "--json"]);
+    said.assert(0, &[]);
+    let [sight] = said.json().try_into().expect("one line");
+    assert_eq!(sight["streams"][0]["camera"], "front");
+    assert_eq!(sight["streams"][0]["frames"]["received"], 4, "{sight}");
+    stereo(url, &["watch", "--once"]).assert(0, &["front", "answered %", "stereod"]);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn doctor_finds_that_a_camera_is_missing_silent_or_well() {
+    let network = Network::start(&[]).await;
+    network.server.until_ready().await;
+    let url = network.server.process.url();
+    let args = [
+        "doctor", "--json", "--camera", "front", "--size", "64x64", "--rate", "0.1", "--budget", "60s",
+    ];
+    let said = stereo(url, &args);
+    said.assert(1, &[]);
+    let lines = said.json();
+    for name in [
+        "server reachable",
+        "server ready",
+        "a pair in budget",
+        "link fast enough",
+        "servers alive",
+    ] {
+        assert_eq!(check(&lines, name)["ok"], true, "{lines:?}");
+    }
+    assert_eq!(check(&lines, "camera announced")["ok"], false);
+
+    let camera = network.camera("front").await;
+    let said = stereo(url, &[&args[..], &["--watch", "1ms"]].concat());
+    said.assert(1, &[]);
+    let lines = said.json();
+    assert_eq!(check(&lines, "camera served")["ok"], true);
+    let silent = check(&lines, "frames of front arrive");
+    assert_eq!(silent["ok"], false, "{lines:?}");
+    assert!(
+        silent["found"]
+            .as_str()
+            .is_some_and(|text| text.contains("stereo/v1/frames/front")),
+        "{silent}"
+    );
+
+    let url = url.to_owned();
+    let asked = tokio::task::spawn_blocking(move || stereo(&url, &[&args[..], &["--watch", "2s"]].concat()));
+    while !asked.is_finished() {
+        camera.put(&message()).await;
+        // Each frame is answered before the next is sent, so that none takes another's place.
+        camera.result().await;
+    }
+    let said = asked.await.expect("a program that ends");
+    said.assert(0, &[]);
+    let lines = said.json();
+    assert_eq!(check(&lines, "frames of front arrive")["ok"], true, "{lines:?}");
+    assert_eq!(
+        check(&lines, "frames of front in budget")["ok"],
+        true,
+        "{lines:?}"
+    );
+    assert_eq!(lines.last().expect("a summary")["failed"], 0);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn doctor_says_that_zenoh_is_off() {
+    let server = crate::conversation::Server::start(&["--no-zenoh"]);
+    server.until_ready().await;
+    let said = stereo(
+        server.process.url(),
+        &["doctor", "--budget", "60s", "--rate", "0.1"],
+    );
+    said.assert(1, &["1 of the checks failed"]);
+    assert!(
+        said.stdout().contains("FAIL  server's Zenoh: it is switched off"),
+        "{}",
+        said.stdout()
+    );
+}
