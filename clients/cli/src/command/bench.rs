@@ -223,7 +223,9 @@ fn report(
             figures.held_back
         ));
     }
-    lines.extend(table(&latencies.rows()));
+    if latencies.count() > 0 {
+        lines.extend(table(&latencies.rows()));
+    }
     output.text(&lines.join("\n"))
 }
 

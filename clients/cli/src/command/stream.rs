@@ -263,6 +263,8 @@ fn report(
         args.camera,
         latencies.count()
     )];
-    lines.extend(table(&latencies.rows()));
+    if latencies.count() > 0 {
+        lines.extend(table(&latencies.rows()));
+    }
     output.text(&lines.join("\n"))
 }
