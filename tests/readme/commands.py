@@ -93,8 +93,9 @@ class Reader:
         if " serve" in command and "--instance two" not in command:
             # The same ports again: the one before goes.
             self.stop()
+        # What stays is the program itself, not a shell around it: when it is stopped, its ports are free.
         process = subprocess.Popen(
-            self.translated(command),
+            ("exec " if endless else "") + self.translated(command),
             shell=True,
             cwd=self.folder,
             stdout=subprocess.PIPE,
