@@ -92,7 +92,8 @@ pub struct ServeArgs {
     #[arg(long, env = "STEREOD_REPLACEMENTS", value_name = "N")]
     pub replacements: Option<u32>,
 
-    /// Zenoh routers or peers to connect to, such as tcp/router:7447, separated by commas.
+    /// Zenoh routers to connect to, such as tcp/router:7447, separated by commas: as a client, unless --zenoh-listen or the
+    /// --zenoh-config says otherwise.
     #[arg(
         long,
         env = "STEREOD_ZENOH_CONNECT",

@@ -11,7 +11,7 @@ pub(crate) struct Network {
     /// Why it doesn't stand better, and what to do.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) why: Option<String>,
-    /// Where this server can be reached.
+    /// Where this server can be reached: where it listens, or at the router that it is a client of.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub(crate) locators: Vec<String>,
     /// The live servers of the fleet, this one included.
@@ -50,6 +50,10 @@ impl Network {
             NetworkState::Off => Some("Zenoh is required but switched off".to_owned()),
             NetworkState::Opening => Some(match &self.why {
                 Some(why) => format!("the Zenoh session is not open: {why}"),
+                None if self.has_endpoints => {
+                    "the Zenoh session is not open yet: start the router, or correct --zenoh-connect"
+                        .to_owned()
+                }
                 None => "the Zenoh session is not open yet".to_owned(),
             }),
             NetworkState::Open if self.has_endpoints && self.connections == 0 => {

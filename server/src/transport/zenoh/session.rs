@@ -36,6 +36,7 @@ pub(super) fn configure(config: &Config) -> Result<zenoh::Config, ConfigError> {
     let zenoh = &config.zenoh;
     let mut merged = defaults(config);
     let mut sources = Vec::new();
+    let mut said = json!({});
     if let Some(path) = &zenoh.file {
         sources.push(path.display().to_string());
         let refuse = |why: &dyn std::fmt::Display| ConfigError::Zenoh {
@@ -43,13 +44,20 @@ pub(super) fn configure(config: &Config) -> Result<zenoh::Config, ConfigError> {
         };
         let text = std::fs::read_to_string(path).map_err(|why| refuse(&why))?;
         let given: Value = json5::from_str(&text).map_err(|why| refuse(&why))?;
+        said = given.clone();
         merge(&mut merged, given);
     }
     for (section, endpoints) in [("connect", &zenoh.connect), ("listen", &zenoh.listen)] {
         if !endpoints.is_empty() {
             sources.push(format!("--zenoh-{section}"));
             merged[section]["endpoints"] = json!(endpoints);
+            said[section]["endpoints"] = json!(endpoints);
         }
+    }
+    // Peers of one router have to reach each other, which they can't at a loopback address, and a router passes nothing on between
+    // them. Whoever is told where the router is, and not where to listen, is its client.
+    if said["mode"].is_null() && said["listen"].is_null() && !said["connect"].is_null() {
+        merged["mode"] = json!("client");
     }
     zenoh::Config::from_json5(&merged.to_string()).map_err(|why| ConfigError::Zenoh {
         reason: format!("{}: {why}", sources.join(" and ")),
@@ -113,7 +121,7 @@ pub(super) async fn open(
     loop {
         match zenoh::open(config.clone()).await {
             Ok(session) => {
-                watch(&session, streams, outgoing).await;
+                watch(&session, &reachable_at(&session, config).await, streams, outgoing).await;
                 return session;
             }
             Err(why) => {
@@ -125,15 +133,23 @@ pub(super) async fn open(
     }
 }
 
+/// Where the session listens, or if it doesn't, where the router is that it is a client of.
+async fn reachable_at(session: &Session, config: &zenoh::Config) -> Vec<String> {
+    let own = session.info().locators().await;
+    if !own.is_empty() {
+        return own.iter().map(ToString::to_string).collect();
+    }
+    let endpoints = config.get_json("connect/endpoints").unwrap_or_default();
+    serde_json::from_str(&endpoints).unwrap_or_default()
+}
+
 /// Keeps what is known about the network up to date.
-async fn watch(session: &Session, streams: &Arc<Streams>, outgoing: &Arc<Outgoing>) {
-    let locators = session.info().locators().await;
-    let locators: Vec<String> = locators.iter().map(ToString::to_string).collect();
+async fn watch(session: &Session, locators: &[String], streams: &Arc<Streams>, outgoing: &Arc<Outgoing>) {
     tracing::info!(zid = %session.zid(), ?locators, "the Zenoh session is open");
     streams.set_network(|network| {
         network.state = NetworkState::Open;
         network.why = None;
-        network.locators = locators;
+        network.locators = locators.to_vec();
     });
     let connected = Mutex::new(HashMap::<ZenohId, bool>::new());
     let (streams, outgoing) = (Arc::clone(streams), Arc::clone(outgoing));
@@ -204,6 +220,20 @@ mod tests {
                 .to_string()
                 .contains("stereod-zenoh-")
         );
+    }
+
+    #[test]
+    fn whoever_is_told_where_the_router_is_and_not_where_to_listen_is_its_client() {
+        let mode = |connect: &[&str], listen: &[&str]| {
+            let mut config = Config::default();
+            config.zenoh.connect = connect.iter().map(ToString::to_string).collect();
+            config.zenoh.listen = listen.iter().map(ToString::to_string).collect();
+            configure(&config).unwrap().get_json("mode").unwrap()
+        };
+        assert_eq!(mode(&[], &[]), "\"peer\"");
+        assert_eq!(mode(&[], &["tcp/127.0.0.1:7447"]), "\"peer\"");
+        assert_eq!(mode(&["tcp/10.0.0.1:7447"], &["tcp/10.0.0.2:7447"]), "\"peer\"");
+        assert_eq!(mode(&["tcp/10.0.0.1:7447"], &[]), "\"client\"");
     }
 
     #[test]
