@@ -72,7 +72,7 @@ pub(super) async fn serve(
     let mut served = BTreeMap::new();
     tokio::select! {
         ended = run(context, &roster, &mut served) => ended?,
-        ended = audit(context, &roster) => ended?,
+        () = audit(context, &roster) => {}
         _ = stopped.wait_for(|&stop| stop) => {}
     }
 
@@ -148,17 +148,19 @@ async fn learn_settings(context: &Arc<Context>) -> zenoh::Result<zenoh::pubsub::
     Ok(subscriber)
 }
 
-/// Asks the network now and then which cameras are there.
-async fn audit(context: &Context, roster: &Roster) -> zenoh::Result<()> {
+/// Asks the network now and then which cameras are there; without an answer, what was heard of them stays.
+async fn audit(context: &Context, roster: &Roster) {
     let mut missing = BTreeSet::new();
     loop {
         tokio::time::sleep(AUDIT).await;
-        let tokens = context
-            .session
-            .liveliness()
-            .get(keys::CAMERAS)
-            .timeout(AUDIT)
-            .await?;
+        let asked = context.session.liveliness().get(keys::CAMERAS).timeout(AUDIT);
+        let tokens = match asked.await {
+            Ok(tokens) => tokens,
+            Err(why) => {
+                tracing::warn!(%why, "the network can't be asked which cameras are there");
+                continue;
+            }
+        };
         let mut present = BTreeSet::new();
         let mut is_whole = true;
         while let Ok(token) = tokens.recv_async().await {

@@ -238,18 +238,18 @@ async fn announce(context: &Context, camera: &str, revision: &Revision) {
 
 /// Sends a result by the way the request came.
 fn answer(context: &Context, query: &Query, way: Way, body: bytes::Bytes) {
-    let (payload, way) = context.outgoing.by(way, body);
-    let is_sent = sent(|| {
+    sent(|| {
+        // In here, since it copies a whole result into shared memory, and makes that on its first use.
+        let (payload, way) = context.outgoing.by(way, body);
         query
             .reply(query.key_expr(), payload)
             .encoding(payload::encoding("StereoResult"))
             // Not held back to be sent together with others.
             .express(true)
-            .wait()
-    });
-    if is_sent {
+            .wait()?;
         context.service.metrics().zenoh_result(way.name());
-    }
+        Ok(())
+    });
 }
 
 fn refuse(query: &Query, error: &ServiceError, request_id: &str) {
@@ -262,14 +262,12 @@ fn refuse(query: &Query, error: &ServiceError, request_id: &str) {
     });
 }
 
-/// Sends something, and lets another thread do this one's other tasks meanwhile: a link that is full makes it wait. Whether it was sent.
-fn sent(reply: impl FnOnce() -> zenoh::Result<()>) -> bool {
-    let outcome = block_in_place(reply);
-    if let Err(why) = &outcome {
+/// Sends something, and lets another thread do this one's other tasks meanwhile: a link that is full makes it wait.
+fn sent(reply: impl FnOnce() -> zenoh::Result<()>) {
+    if let Err(why) = block_in_place(reply) {
         // Whoever asked has gone, or waits no longer.
         tracing::debug!(%why, "a reply can't be sent");
     }
-    outcome.is_ok()
 }
 
 #[cfg(test)]
