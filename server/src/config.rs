@@ -17,7 +17,7 @@ use stereo::{Level, Shape};
 pub use self::error::ConfigError;
 pub use self::policy::PolicyName;
 pub use self::weights::WeightsConfig;
-pub use self::zenoh::ZenohConfig;
+pub use self::zenoh::{ZenohConfig, zenoh_file};
 
 /// Everything the server can be told.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]

@@ -5,6 +5,10 @@
 //! `stereo`) and a pure deadline policy (the crate `stereo-scheduler`). The worker pool is the only place where pixels and
 //! deadlines meet.
 #![forbid(unsafe_code)]
+#![cfg_attr(
+    not(feature = "zenoh"),
+    expect(dead_code, reason = "what only the Zenoh transport calls")
+)]
 
 pub mod args;
 pub mod config;
@@ -28,6 +32,7 @@ use std::io::ErrorKind;
 use std::net::SocketAddr;
 use std::sync::Arc;
 
+use axum::Router;
 use thiserror::Error;
 
 use crate::config::{Config, ConfigError};
@@ -86,6 +91,19 @@ pub struct Running {
 }
 
 impl Server {
+    /// The routes of HTTP with workers behind them, without a socket and without Zenoh: for programs that answer requests themselves.
+    /// Needs a tokio runtime. The workers end when the routes are dropped.
+    ///
+    /// # Errors
+    /// [`StartError`].
+    pub fn routes(config: &Config) -> Result<Router, StartError> {
+        config.validate()?;
+        let simd = config.workers.level()?.name();
+        let service = Arc::new(Service::start(config)?);
+        let streams = Arc::new(Streams::new(service.metrics()));
+        Ok(router(config, simd, service, streams))
+    }
+
     /// Validates `config`, binds the sockets, starts the workers and answers. Needs a multi-threaded tokio runtime.
     ///
     /// # Errors

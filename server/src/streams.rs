@@ -15,7 +15,9 @@ use tokio::sync::broadcast;
 
 pub(crate) use self::counts::Unpaired;
 use self::counts::{Counts, Rate};
-pub(crate) use self::network::{Network, NetworkState};
+pub(crate) use self::network::Network;
+#[cfg(feature = "zenoh")]
+pub(crate) use self::network::NetworkState;
 pub(crate) use self::view::{StreamView, StreamsView, event_json};
 use crate::job::{FrameReply, ReplyFormat, Report};
 use crate::metrics::Metrics;

@@ -16,10 +16,12 @@ mod delimited;
 mod form;
 mod images;
 mod options;
+mod payload;
 mod range;
 mod report;
 mod request;
 mod result;
+mod selector;
 mod settings;
 mod stream_view;
 
@@ -27,9 +29,13 @@ pub use budget::{latency_budget_from_grpc_timeout, latency_budget_from_ms};
 pub use delimited::{Delimited, delimited, delimited_result_head};
 pub(crate) use form::FormDescription;
 pub use form::{FormParts, request_from_form};
+pub use payload::{SingleImage, expect_message, single_image};
 pub use report::report_body;
 pub(crate) use request::is_request_id;
 pub use request::{Intake, decode_request, frame_request};
 pub use result::{disparity_body, mesh_body, result_body};
-pub use settings::{camera_settings, camera_settings_from_json, camera_settings_to_proto};
+pub use selector::selector_parameters;
+pub use settings::{
+    camera_settings, camera_settings_from_json, camera_settings_to_proto, decode_camera_settings,
+};
 pub use stream_view::stream_view_body;

@@ -65,6 +65,16 @@ impl ZenohConfig {
     }
 }
 
+/// What Zenoh's own file says, which is written in JSON5.
+///
+/// # Errors
+/// [`ConfigError::Zenoh`] naming `path` and the place.
+pub fn zenoh_file(text: &str, path: &str) -> Result<Value, ConfigError> {
+    json5::from_str(text).map_err(|why| ConfigError::Zenoh {
+        reason: format!("{path}: {why}"),
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use crate::config::Config;

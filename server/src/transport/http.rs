@@ -33,6 +33,7 @@ use axum::response::Response;
 use axum::routing::{MethodRouter, get, post};
 
 pub use self::connections::{Listener, Listening};
+pub use self::form::parts_from_multipart;
 use tokio::sync::Semaphore;
 
 use crate::config::Config;

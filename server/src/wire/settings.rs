@@ -2,6 +2,8 @@
 
 use std::time::Duration;
 
+use bytes::Bytes;
+use prost::Message;
 use serde_json::Value;
 use stereo::Shape;
 use stereo_proto::v1;
@@ -12,6 +14,18 @@ use crate::status::ServiceError;
 
 const LARGEST_TOLERANCE: Duration = Duration::from_secs(1);
 const LARGEST_PATIENCE: Duration = Duration::from_secs(10);
+
+/// The message of a payload.
+///
+/// # Errors
+/// [`ServiceError::Invalid`] if it is no `stereo.v1.CameraSettings`.
+pub fn decode_camera_settings(payload: Bytes) -> Result<v1::CameraSettings, ServiceError> {
+    v1::CameraSettings::decode(payload).map_err(|why| {
+        invalid(format!(
+            "the payload is not a whole stereo.v1.CameraSettings message ({why}): its schema is at GET /v1/schema.binpb"
+        ))
+    })
+}
 
 /// `wire` as settings that can be put to work.
 ///

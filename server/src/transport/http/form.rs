@@ -9,8 +9,11 @@ use multer::Multipart;
 use crate::status::ServiceError;
 use crate::wire::FormParts;
 
-/// The parts by their names; an unknown or repeated one is refused.
-pub(super) async fn parts_from_multipart(body: Bytes, boundary: &str) -> Result<FormParts, ServiceError> {
+/// The parts by their names.
+///
+/// # Errors
+/// [`ServiceError::Invalid`] if the body is malformed, or naming the part that is unknown or repeated.
+pub async fn parts_from_multipart(body: Bytes, boundary: &str) -> Result<FormParts, ServiceError> {
     let whole = stream::iter([Ok::<_, Infallible>(body)]);
     let mut multipart = Multipart::new(whole, boundary);
     let mut parts = FormParts::default();

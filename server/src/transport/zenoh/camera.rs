@@ -13,7 +13,6 @@ use std::time::Instant;
 use futures_util::StreamExt;
 use futures_util::future::BoxFuture;
 use futures_util::stream::FuturesUnordered;
-use prost::Message;
 use stereo_proto::v1;
 use tokio::sync::{OwnedSemaphorePermit, watch};
 use tokio::task::JoinHandle;
@@ -22,7 +21,7 @@ use zenoh::sample::{Sample, SampleKind};
 
 use super::inbox::{Arrival, Inbox};
 use super::pairing::{Dropped, Offered, Pairer, Stamp};
-use super::payload::{self, Content};
+use super::payload;
 use super::results::{Outbox, Results};
 use super::settings::Revision;
 use super::{Context, keys};
@@ -30,7 +29,7 @@ use crate::decode::Side;
 use crate::job::{FrameReply, FrameRequest, PriorityClass, ReplyFormat};
 use crate::status::ServiceError;
 use crate::streams::{Stream, Unpaired};
-use crate::wire::{Intake, decode_request, frame_request};
+use crate::wire::{Intake, SingleImage, decode_request, frame_request, single_image};
 
 /// A camera while it is served.
 pub(super) struct Camera {
@@ -433,37 +432,17 @@ fn message(arrival: &Arrival) -> Result<v1::StereoRequest, ServiceError> {
 
 /// A single image and what it says about when it was taken.
 fn half(arrival: Arrival) -> Result<Half, ServiceError> {
-    let content = payload::content(&arrival.encoding, "Image")?;
-    let data = payload::bytes(&arrival.payload);
-    let malformed = |what: &str, why: prost::DecodeError| {
-        ServiceError::Invalid(format!(
-            "the {what} message ({why}): its schema is at GET /v1/schema.binpb"
-        ))
-    };
-    let file = |encoding: v1::ImageEncoding| v1::Image {
-        encoding: encoding.into(),
-        data: data.clone(),
-        ..v1::Image::default()
-    };
-    let mut image = match content {
-        Content::Message => v1::Image::decode(data.clone())
-            .map_err(|why| malformed("payload is not a whole stereo.v1.Image", why))?,
-        Content::Png => file(v1::ImageEncoding::Png),
-        Content::Jpeg => file(v1::ImageEncoding::Jpeg),
-    };
-    let said = match &arrival.attachment {
-        Some(attachment) => v1::ImageStamp::decode(payload::bytes(attachment))
-            .map_err(|why| malformed("attachment is not a whole stereo.v1.ImageStamp", why))?,
-        None => v1::ImageStamp::default(),
-    };
-    image.timestamp = image.timestamp.or(said.timestamp);
-    let nanos =
-        |time: prost_types::Timestamp| i128::from(time.seconds) * 1_000_000_000 + i128::from(time.nanos);
+    let SingleImage {
+        image,
+        sequence,
+        time_ns,
+    } = single_image(
+        &arrival.encoding.to_string(),
+        payload::bytes(&arrival.payload),
+        arrival.attachment.as_ref().map(payload::bytes),
+    )?;
     Ok(Half {
-        stamp: Stamp {
-            sequence: said.sequence,
-            time_ns: image.timestamp.map(nanos),
-        },
+        stamp: Stamp { sequence, time_ns },
         image,
         received_at: arrival.received_at,
         share: arrival.share,

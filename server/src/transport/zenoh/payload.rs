@@ -4,6 +4,7 @@ use bytes::Bytes;
 use zenoh::bytes::{Encoding, ZBytes};
 
 use crate::status::ServiceError;
+use crate::wire::expect_message as expect_message_as;
 
 /// How a payload came, or goes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -56,50 +57,9 @@ pub(super) fn encoding(message: &str) -> Encoding {
     Encoding::APPLICATION_PROTOBUF.with_schema(format!("stereo.v1.{message}"))
 }
 
-/// What a payload says that it is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Content {
-    /// A protobuf message.
-    Message,
-    /// A PNG file.
-    Png,
-    /// A JPEG file.
-    Jpeg,
-}
-
 /// Whether `given` can be a message of type `message`: said so, or only that it is protobuf.
 pub(super) fn expect_message(given: &Encoding, message: &str) -> Result<(), ServiceError> {
-    content(given, message).and_then(|content| match content {
-        Content::Message => Ok(()),
-        Content::Png | Content::Jpeg => Err(unsupported(given, message)),
-    })
-}
-
-/// What `given` says; a message must be of type `message` if a type is said.
-pub(super) fn content(given: &Encoding, message: &str) -> Result<Content, ServiceError> {
-    let text = given.to_string();
-    let (media_type, schema) = text.split_once(';').unwrap_or((&text, ""));
-    match media_type {
-        "application/protobuf" | "application/x-protobuf"
-            if schema.is_empty() || schema.strip_prefix("stereo.v1.") == Some(message) =>
-        {
-            Ok(Content::Message)
-        }
-        "image/png" => Ok(Content::Png),
-        "image/jpeg" => Ok(Content::Jpeg),
-        _ => Err(unsupported(given, message)),
-    }
-}
-
-fn unsupported(given: &Encoding, message: &str) -> ServiceError {
-    ServiceError::UnsupportedMediaType {
-        expected: match message {
-            "Image" => "the encoding application/protobuf;stereo.v1.Image, image/png or image/jpeg",
-            "CameraSettings" => "the encoding application/protobuf;stereo.v1.CameraSettings",
-            _ => "the encoding application/protobuf;stereo.v1.StereoRequest",
-        },
-        got: given.to_string(),
-    }
+    expect_message_as(&given.to_string(), message)
 }
 
 #[cfg(test)]
@@ -122,26 +82,5 @@ mod tests {
         writer.append(ZBytes::from(vec![2_u8; 5]));
         let expected = [[1_u8; 10].as_slice(), &[2; 5]].concat();
         assert_eq!(bytes(&writer.finish()), expected);
-    }
-
-    #[test]
-    fn only_what_can_be_the_message_is_taken_for_it() {
-        let ours = encoding("StereoRequest");
-        assert_eq!(ours.to_string(), "application/protobuf;stereo.v1.StereoRequest");
-        assert_eq!(expect_message(&ours, "StereoRequest"), Ok(()));
-        assert_eq!(
-            expect_message(&Encoding::APPLICATION_PROTOBUF, "StereoRequest"),
-            Ok(())
-        );
-        for wrong in [
-            Encoding::default(),
-            Encoding::IMAGE_PNG,
-            encoding("Image"),
-            Encoding::from("application/protobuf;other.v1.StereoRequest"),
-        ] {
-            let error = expect_message(&wrong, "StereoRequest").unwrap_err();
-            assert_eq!(error.http_code(), 415, "{wrong}");
-        }
-        assert_eq!(content(&Encoding::IMAGE_JPEG, "Image"), Ok(Content::Jpeg));
     }
 }

@@ -3,7 +3,7 @@
 //! A refusal is a `reply_err` with a protobuf `Status`. Something that is answered by nobody gets zero replies, at once.
 
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use prost::Message;
 use tokio::sync::{OwnedSemaphorePermit, mpsc};
@@ -17,7 +17,7 @@ use super::settings::Revision;
 use super::{Context, keys, payload};
 use crate::job::{FrameRequest, PriorityClass, ReplyFormat};
 use crate::status::ServiceError;
-use crate::wire::{Intake, decode_request, frame_request, latency_budget_from_ms};
+use crate::wire::{Intake, decode_request, frame_request, selector_parameters};
 
 /// Better results of one request that may wait to be sent.
 const PARTIAL_WAITING: usize = 1;
@@ -102,7 +102,7 @@ fn request(
     query: &Query,
     received_at: Instant,
 ) -> Result<(FrameRequest, bool), ServiceError> {
-    let (latency_budget, is_partial) = parameters(query.parameters().as_str())?;
+    let (latency_budget, is_partial) = selector_parameters(query.parameters().as_str())?;
     let missing = || {
         ServiceError::Invalid("the query has no payload: send a stereo.v1.StereoRequest with it".to_owned())
     };
@@ -120,28 +120,6 @@ fn request(
         priority: PriorityClass::default(),
     };
     Ok((frame_request(message, intake)?, is_partial))
-}
-
-/// The budget and `partial` of a selector's parameters, which `;` separates.
-fn parameters(parameters: &str) -> Result<(Option<Duration>, bool), ServiceError> {
-    let (mut budget, mut is_partial) = (None, false);
-    for parameter in parameters.split(';').filter(|parameter| !parameter.is_empty()) {
-        let (name, value) = parameter.split_once('=').unwrap_or((parameter, ""));
-        match (name, value) {
-            ("budget_ms", _) => budget = Some(latency_budget_from_ms("budget_ms", value)?),
-            ("partial", "true") => is_partial = true,
-            ("partial", "false") => is_partial = false,
-            // Zenoh's own.
-            (own, _) if own.starts_with('_') => {}
-            _ => {
-                return Err(ServiceError::Invalid(format!(
-                    "the selector's parameter `{parameter}` has no meaning: there are budget_ms=80, partial=true and \
-                     partial=false, separated by ;"
-                )));
-            }
-        }
-    }
-    Ok((budget, is_partial))
 }
 
 /// Answers questions about, and changes of, the settings of the cameras for which `is_owner` says so.
@@ -267,29 +245,5 @@ fn sent(reply: impl FnOnce() -> zenoh::Result<()>) {
     if let Err(why) = block_in_place(reply) {
         // Whoever asked has gone, or waits no longer.
         tracing::debug!(%why, "a reply can't be sent");
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn parameters_are_read_and_unknown_ones_refused_by_name() {
-        assert_eq!(parameters("").unwrap(), (None, false));
-        let both = parameters("budget_ms=80;partial=true").unwrap();
-        assert_eq!(both, (Some(Duration::from_millis(80)), true));
-        assert_eq!(
-            parameters("_anyke;budget_ms=1").unwrap().0,
-            Some(Duration::from_millis(1))
-        );
-        for (bad, word) in [
-            ("budget_ms=0", "budget_ms"),
-            ("preset=fast", "preset"),
-            ("partial=1", "partial=1"),
-        ] {
-            let error = parameters(bad).unwrap_err();
-            assert!(error.to_string().contains(word), "{error}");
-        }
     }
 }

@@ -10,7 +10,7 @@ use zenoh::config::ZenohId;
 use zenoh::sample::SampleKind;
 
 use super::outgoing::Outgoing;
-use crate::config::{Config, ConfigError};
+use crate::config::{Config, ConfigError, zenoh_file};
 use crate::streams::{NetworkState, Streams};
 
 /// Time between two attempts to open a session.
@@ -39,11 +39,11 @@ pub(super) fn configure(config: &Config) -> Result<zenoh::Config, ConfigError> {
     let mut said = json!({});
     if let Some(path) = &zenoh.file {
         sources.push(path.display().to_string());
-        let refuse = |why: &dyn std::fmt::Display| ConfigError::Zenoh {
-            reason: format!("{}: {why}", path.display()),
-        };
-        let text = std::fs::read_to_string(path).map_err(|why| refuse(&why))?;
-        let given: Value = json5::from_str(&text).map_err(|why| refuse(&why))?;
+        let name = path.display().to_string();
+        let text = std::fs::read_to_string(path).map_err(|why| ConfigError::Zenoh {
+            reason: format!("{name}: {why}"),
+        })?;
+        let given = zenoh_file(&text, &name)?;
         said = given.clone();
         merge(&mut merged, given);
     }

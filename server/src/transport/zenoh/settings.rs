@@ -5,12 +5,11 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use bytes::Bytes;
 use prost::Message;
-use stereo_proto::v1;
 use tokio::sync::watch;
 
 use crate::job::CameraSettings;
 use crate::status::ServiceError;
-use crate::wire::{camera_settings, camera_settings_to_proto};
+use crate::wire::{camera_settings, camera_settings_to_proto, decode_camera_settings};
 
 /// Cameras whose settings are known at one time.
 const MOST_CAMERAS: usize = 1024;
@@ -71,7 +70,7 @@ impl SettingsBook {
 
     /// Replaces the settings of a camera, all at once: frames that come from now on are worked on with them.
     pub(super) fn set(&self, camera: &str, payload: Bytes) -> Result<Arc<Revision>, ServiceError> {
-        let settings = camera_settings(decode(payload)?)?;
+        let settings = camera_settings(decode_camera_settings(payload)?)?;
         let mut book = self.lock();
         if book.len() >= MOST_CAMERAS && !book.contains_key(camera) {
             return Err(ServiceError::TooLarge(format!(
@@ -87,7 +86,7 @@ impl SettingsBook {
 
     /// Another server has announced settings; older ones than those known are left alone.
     pub(super) fn learn(&self, camera: &str, payload: Bytes) -> Result<(), ServiceError> {
-        let wire = decode(payload)?;
+        let wire = decode_camera_settings(payload)?;
         let number = wire.revision;
         let settings = camera_settings(wire)?;
         let mut book = self.lock();
@@ -107,16 +106,10 @@ impl SettingsBook {
     }
 }
 
-fn decode(payload: Bytes) -> Result<v1::CameraSettings, ServiceError> {
-    v1::CameraSettings::decode(payload).map_err(|why| {
-        ServiceError::Invalid(format!(
-            "the payload is not a whole stereo.v1.CameraSettings message ({why}): its schema is at GET /v1/schema.binpb"
-        ))
-    })
-}
-
 #[cfg(test)]
 mod tests {
+    use stereo_proto::v1;
+
     use super::*;
 
     fn payload(focal_px: f64, revision: u64) -> Bytes {
