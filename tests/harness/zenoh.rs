@@ -35,7 +35,15 @@ impl Router {
         let mut all = base("router");
         all["listen"] = json!({ "endpoints": [endpoint] });
         lay_over(&mut all, config);
-        let session = open(&all).await?;
+        Self::open(parsed(&all)?).await
+    }
+
+    /// Starts one by a configuration of its own.
+    ///
+    /// # Errors
+    /// If it can't listen where that says.
+    pub async fn open(config: zenoh::Config) -> Result<Self> {
+        let session = zenoh::open(config).await.map_err(|why| anyhow!(why))?;
         let locators = session.info().locators().await;
         let mut locators_here: Vec<String> = locators.iter().map(ToString::to_string).collect();
         locators_here.sort_by_key(|locator| !locator.contains("127.0.0.1"));
@@ -105,6 +113,9 @@ fn lay_over(all: &mut Value, config: Value) {
 }
 
 async fn open(config: &Value) -> Result<Session> {
-    let config = zenoh::Config::from_json5(&config.to_string()).map_err(|why| anyhow!(why))?;
-    zenoh::open(config).await.map_err(|why| anyhow!(why))
+    zenoh::open(parsed(config)?).await.map_err(|why| anyhow!(why))
+}
+
+fn parsed(config: &Value) -> Result<zenoh::Config> {
+    zenoh::Config::from_json5(&config.to_string()).map_err(|why| anyhow!(why))
 }

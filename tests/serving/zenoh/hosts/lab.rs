@@ -1,4 +1,4 @@
-//! Hosts and the links between them, by `ip` of iproute2.
+//! Hosts and the links between them, by `ip` and `tc` of iproute2.
 
 use std::net::SocketAddr;
 use std::process::{Command, Stdio};
@@ -95,6 +95,20 @@ impl Lab {
         ip(&["-netns", ROUTER, "link", "set", name, "up"]);
     }
 
+    /// Makes what the router sends to a host slow: `rate` as `tc` takes it, with room for a fifth of a second's worth.
+    pub(super) fn narrow(&self, name: &str, rate: &str) {
+        let shape = ["root", "tbf", "rate", rate, "burst", "64kb", "latency", "200ms"];
+        run(
+            "tc",
+            &[&["-netns", ROUTER, "qdisc", "add", "dev", name], &shape[..]].concat(),
+        );
+    }
+
+    /// Makes it as fast as before.
+    pub(super) fn widen(&self, name: &str) {
+        run("tc", &["-netns", ROUTER, "qdisc", "del", "dev", name, "root"]);
+    }
+
     /// The router's address on the link to a host.
     pub(super) fn router_of(&self, name: &str) -> String {
         format!("10.20.{}.1", self.number(name))
@@ -111,10 +125,14 @@ impl Lab {
 }
 
 fn ip(args: &[&str]) {
-    let output = Command::new("ip").args(args).output().expect("iproute2");
+    run("ip", args);
+}
+
+fn run(program: &str, args: &[&str]) {
+    let output = Command::new(program).args(args).output().expect("iproute2");
     assert!(
         output.status.success(),
-        "ip {}: {}",
+        "{program} {}: {}",
         args.join(" "),
         String::from_utf8_lossy(&output.stderr)
     );
