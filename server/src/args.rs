@@ -7,7 +7,7 @@ use std::time::Duration;
 use clap::builder::BoolishValueParser;
 use clap::{Args, Parser, Subcommand};
 
-use crate::config::{Config, ConfigError, PolicyName};
+use crate::config::{Config, ConfigError, PolicyName, is_name};
 
 /// Stereo matching as a service: a pair and a deadline in, the best disparity and mesh that fit out.
 #[derive(Debug, Parser)]
@@ -32,6 +32,12 @@ pub struct Cli {
 pub enum Command {
     /// Serve over HTTP and Zenoh until SIGTERM or SIGINT.
     Serve(Box<ServeArgs>),
+    /// Make a token for a client, and print it and what the server's configuration needs to know it by.
+    Token {
+        /// Name of the client, 1 to 64 of the characters A-Z a-z 0-9 _ . -
+        #[arg(value_parser = client_name)]
+        name: String,
+    },
     /// Match one pair of image files here, without a network, and write the results to a folder.
     Match(Box<MatchArgs>),
 }
@@ -253,6 +259,13 @@ fn socket_address(text: &str) -> Result<SocketAddr, String> {
         .map_err(|_| "give a numeric address and a port, such as 127.0.0.1:8080 or [::]:8080".to_owned())
 }
 
+fn client_name(text: &str) -> Result<String, String> {
+    match is_name(text) {
+        true => Ok(text.to_owned()),
+        false => Err("give 1 to 64 of the characters A-Z a-z 0-9 _ . -".to_owned()),
+    }
+}
+
 fn give<T>(setting: &mut T, flag: Option<T>) {
     if let Some(value) = flag {
         *setting = value;
@@ -271,7 +284,7 @@ mod tests {
             .command
         {
             Command::Serve(args) => args,
-            Command::Match(_) => unreachable!("`serve` was given"),
+            Command::Match(_) | Command::Token { .. } => unreachable!("`serve` was given"),
         }
     }
 

@@ -2,11 +2,12 @@
 //!
 //! Precedence: command line, then environment (both in [`args`](crate::args)), then the file, then the defaults here.
 
+mod clients;
 mod error;
 mod policy;
-mod weights;
 mod zenoh;
 
+use std::collections::BTreeMap;
 use std::net::{Ipv4Addr, SocketAddr};
 use std::ops::RangeInclusive;
 use std::time::Duration;
@@ -14,9 +15,9 @@ use std::time::Duration;
 use serde::{Deserialize, Serialize};
 use stereo::{Level, Shape};
 
+pub use self::clients::ClientConfig;
 pub use self::error::ConfigError;
 pub use self::policy::PolicyName;
-pub use self::weights::WeightsConfig;
 pub use self::zenoh::{ZenohConfig, zenoh_file};
 
 /// Everything the server can be told.
@@ -31,8 +32,8 @@ pub struct Config {
     pub workers: WorkersConfig,
     /// What is refused before any work is done.
     pub limits: LimitsConfig,
-    /// Whose share of the server is how large.
-    pub weights: WeightsConfig,
+    /// Who may ask for what, by name; empty = anybody for anything.
+    pub clients: BTreeMap<String, ClientConfig>,
     /// The Zenoh transport.
     pub zenoh: ZenohConfig,
 }
@@ -97,7 +98,7 @@ impl Default for Config {
             http: HttpConfig::default(),
             workers: WorkersConfig::default(),
             limits: LimitsConfig::default(),
-            weights: WeightsConfig::default(),
+            clients: BTreeMap::new(),
             zenoh: ZenohConfig::default(),
         }
     }
@@ -147,11 +148,16 @@ impl Config {
     /// The configuration a TOML text describes; what it doesn't name has its default. Not yet validated.
     ///
     /// # Errors
-    /// [`ConfigError::Malformed`] naming `path`, the line, and for an unknown key the keys there are.
+    /// [`ConfigError::Malformed`] naming `path`, the line, and for an unknown key the keys there are. The line itself is not shown: it may
+    /// hold a secret.
     pub fn from_toml(text: &str, path: &str) -> Result<Self, ConfigError> {
-        toml::from_str(text).map_err(|error| ConfigError::Malformed {
-            path: path.to_owned(),
-            reason: error.to_string().trim_end().to_owned(),
+        toml::from_str(text).map_err(|error| {
+            let before = error.span().and_then(|span| text.get(..span.start));
+            ConfigError::Malformed {
+                path: path.to_owned(),
+                line: before.map_or(1, |before| 1 + before.matches('\n').count()),
+                reason: error.message().trim_end().to_owned(),
+            }
         })
     }
 
@@ -165,7 +171,7 @@ impl Config {
             http,
             workers,
             limits,
-            weights,
+            clients: _,
             zenoh,
         } = self;
         if !is_name(instance) {
@@ -213,7 +219,7 @@ impl Config {
                 });
             }
         }
-        weights.validate()?;
+        self.validate_clients()?;
         zenoh.camera_settings()?;
         workers.level().map(drop)
     }

@@ -7,7 +7,6 @@ mod job;
 mod kind;
 mod seat;
 
-use std::collections::HashMap;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -23,6 +22,7 @@ pub(crate) use self::job::{Job, Listeners, Outcome};
 pub use self::job::{OnPartial, OnRung};
 pub(crate) use self::kind::{Kind, encode_kind, least_work, work};
 pub(crate) use self::seat::{Replaced, Seat, Task};
+use crate::clients::Clients;
 use crate::job::FrameRequest;
 use crate::metrics::Metrics;
 use crate::status::ServiceError;
@@ -43,8 +43,8 @@ pub(crate) struct Setting {
     /// Jobs with a deadline that may wait.
     pub(crate) capacity: usize,
     pub(crate) policy: Policy,
-    /// Weights of clients by their names; the others have 1.
-    pub(crate) weights: HashMap<String, u32>,
+    /// Who has which weight.
+    pub(crate) clients: Arc<Clients>,
     /// Whether workers that have nothing to do help others.
     pub(crate) is_splitting: bool,
 }
@@ -126,10 +126,8 @@ impl Dispatch {
 
     /// A request as the scheduler knows it.
     pub(crate) fn spec(&self, request: &FrameRequest) -> JobSpec<Kind> {
-        let weight = self.setting.weights.get(&request.client).copied();
-        kind::spec(request, weight.unwrap_or(1), |instant| {
-            self.scheduler_time(instant)
-        })
+        let weight = self.setting.clients.weight(&request.client);
+        kind::spec(request, weight, |instant| self.scheduler_time(instant))
     }
 
     /// Lets a request wait for a worker, and wakes one.

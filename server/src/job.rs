@@ -21,14 +21,9 @@ pub struct FrameRequest {
     pub formats: Vec<ReplyFormat>,
     /// When the transport saw the first byte of the request (monotonic).
     pub received_at: Instant,
-    /// Whose share of the server it counts against: the camera, else the address it came from; empty = nobody's in particular.
+    /// Whose share of the server it counts against, as [`Caller::share`](crate::clients::Caller::share) names it; empty = nobody's in
+    /// particular.
     pub client: String,
-}
-
-/// The [`client`](FrameRequest::client) of a camera's frames.
-#[must_use]
-pub fn client_of_camera(camera_id: &str) -> String {
-    format!("camera {camera_id}")
 }
 
 impl FrameRequest {

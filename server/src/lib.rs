@@ -11,6 +11,7 @@
 )]
 
 pub mod args;
+pub mod clients;
 pub mod config;
 pub mod decode;
 mod dispatch;
@@ -25,6 +26,7 @@ pub mod service;
 pub mod shutdown;
 pub mod status;
 pub mod streams;
+pub mod token;
 pub mod transport;
 pub mod wire;
 
@@ -118,6 +120,7 @@ impl Server {
                 addr: config.http.listen,
                 source,
             })?;
+        warn_of_open_doors(&config);
         let service = Arc::new(Service::start(&config)?);
         let streams = Arc::new(Streams::new(service.metrics()));
         let router = router(&config, simd, Arc::clone(&service), Arc::clone(&streams));
@@ -129,6 +132,17 @@ impl Server {
             listening,
             zenoh,
         })
+    }
+}
+
+/// Says loudly what is open to more than this machine.
+fn warn_of_open_doors(config: &Config) {
+    let addr = config.http.listen;
+    if !addr.ip().to_canonical().is_loopback() && !config.has_doors() {
+        tracing::warn!(
+            %addr,
+            "anybody who reaches this address can use the server: give its clients tokens (stereod token NAME), or listen on 127.0.0.1"
+        );
     }
 }
 

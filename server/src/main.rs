@@ -8,6 +8,7 @@ use clap::Parser;
 use stereod::args::{Cli, Command};
 use stereod::config::Config;
 use stereod::shutdown::StopSignals;
+use stereod::token::NewToken;
 use stereod::{Server, StartError, offline};
 use tracing_subscriber::EnvFilter;
 
@@ -50,6 +51,11 @@ fn run(cli: Cli) -> Result<(), ExitCode> {
         Command::Serve(args) => {
             let config = args.into_config().map_err(fail(USAGE))?;
             runtime()?.block_on(serve(config))
+        }
+        Command::Token { name } => {
+            let text = NewToken::new().map_err(fail(SYSTEM))?.instructions(&name);
+            let written = stdout().write_all(text.as_bytes());
+            written.and_then(|()| stdout().flush()).map_err(fail(SYSTEM))
         }
         Command::Match(args) => {
             let matched = runtime()?.block_on(offline::run(&args));

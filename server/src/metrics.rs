@@ -31,7 +31,7 @@ const DECISION_BUCKETS: [f64; 12] = [
 const ERROR_BUCKETS: [f64; 9] = [0.01, 0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.5, 1.0];
 
 /// Requests by what became of them: `OK`, the reasons of refusals, and that the client has gone.
-const OUTCOMES: [&str; 12] = [
+const OUTCOMES: [&str; 14] = [
     "OK",
     "INVALID",
     "TOO_LARGE",
@@ -43,6 +43,8 @@ const OUTCOMES: [&str; 12] = [
     "SUPERSEDED",
     "SLOW_READER",
     "INTERNAL",
+    "UNAUTHENTICATED",
+    "FORBIDDEN",
     CANCELLED,
 ];
 /// Why images of streams are in no pair.
@@ -207,7 +209,7 @@ impl Metrics {
             stream_frames: book.counters(
                 "stream_frames",
                 "Frames of camera streams by outcome: OK, or the reason of the refusal; part of stereod_requests",
-                OUTCOMES[..11].iter().map(|&outcome| [("outcome", outcome)]),
+                OUTCOMES[..OUTCOMES.len() - 1].iter().map(|&outcome| [("outcome", outcome)]),
             ),
             stream_frames_lost: book.plain(
                 "stream_frames_lost",

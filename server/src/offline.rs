@@ -15,6 +15,7 @@ use thiserror::Error;
 
 use crate::StartError;
 use crate::args::MatchArgs;
+use crate::clients::Caller;
 use crate::config::{Config, WorkersConfig};
 use crate::decode::{Side, inspect};
 use crate::job::{FrameReply, FrameRequest, PriorityClass, ReplyFormat};
@@ -152,7 +153,7 @@ fn request(args: &MatchArgs) -> Result<FrameRequest, OfflineError> {
         request_id: String::new(),
         formats: OUTPUTS.iter().map(|&(_, format)| format).collect(),
         max_image_px: Config::default().limits.image_pixels,
-        peer: String::new(),
+        caller: Caller::Stranger(String::new()),
         priority: PriorityClass::default(),
     };
     let fault = if has_shape {

@@ -14,6 +14,7 @@ use tokio::time::timeout_at;
 pub use self::health::Health;
 use self::leaving::Leaving;
 use crate::StartError;
+use crate::clients::Clients;
 use crate::config::Config;
 use crate::dispatch::{Admission, Dispatch, Kind, Listeners, Setting};
 pub use crate::dispatch::{OnPartial, OnRung};
@@ -25,6 +26,7 @@ use crate::status::ServiceError;
 /// The queue and the workers behind it.
 pub struct Service {
     shared: Arc<Shared>,
+    clients: Arc<Clients>,
     workers: usize,
     /// Taken by whoever stops the service.
     pool: Mutex<Option<Pool>>,
@@ -42,13 +44,14 @@ impl Service {
         let level = workers.level()?;
         let count = workers.count as usize;
         let metrics = Arc::new(Metrics::new());
+        let clients = Arc::new(Clients::new(config));
         metrics.workers.set(workers.count.into());
         let setting = Setting {
             workers: count,
             // Lossless: the capacity is at most 65536.
             capacity: workers.queue_capacity as usize,
             policy: workers.policy.0,
-            weights: config.weights.by_client(),
+            clients: Arc::clone(&clients),
             is_splitting: workers.split_frames,
         };
         let no_threads = |source| StartError::Threads {
@@ -75,6 +78,7 @@ impl Service {
         let pool = Pool::start(workers.count, level, patience, &shared).map_err(no_threads)?;
         Ok(Self {
             shared,
+            clients,
             workers: count,
             pool: Mutex::new(Some(pool)),
             draining: watch::Sender::new(false),
@@ -275,6 +279,11 @@ impl Service {
     /// How busy the workers are.
     pub(crate) fn load(&self) -> stereo_scheduler::Snapshot {
         self.shared.dispatch.snapshot()
+    }
+
+    /// Who may ask for what.
+    pub(crate) fn clients(&self) -> &Arc<Clients> {
+        &self.clients
     }
 
     pub(crate) fn metrics(&self) -> &Arc<Metrics> {

@@ -13,6 +13,43 @@ pub enum ServiceError {
     /// Malformed, out of range, contradictory or not built yet.
     #[error("{0}")]
     Invalid(String),
+    /// No token, or one that nobody has.
+    #[error("{}", unauthenticated(*.is_wrong))]
+    Unauthenticated {
+        /// Whether there was one.
+        is_wrong: bool,
+    },
+    /// A client that may not use a camera.
+    #[error(
+        "client {client} may not use camera {camera}: use one of its own, or have clients.{client}.cameras of the server's configuration \
+         name this one"
+    )]
+    Forbidden {
+        /// Its name.
+        client: String,
+        /// The camera's name.
+        camera: String,
+    },
+    /// More requests a second than the client may send.
+    #[error("client {client} may send {limit} requests a second: send fewer, or wait for {} ms", ms(*.wait))]
+    Rate {
+        /// Its name.
+        client: String,
+        /// Requests a second.
+        limit: u32,
+        /// How long to wait.
+        wait: Duration,
+    },
+    /// More bytes at one time than the client may have.
+    #[error(
+        "client {client} may have {limit} bytes of requests and replies under way at one time: wait for its other replies"
+    )]
+    ClientBytes {
+        /// Its name.
+        client: String,
+        /// How many it may have.
+        limit: u64,
+    },
     /// The resource does not exist.
     #[error("there is nothing at {path}: the service is at POST /v1/stereo, its description at GET /v1/info")]
     NoSuchResource {
@@ -147,8 +184,9 @@ pub enum ServiceError {
 
 impl ServiceError {
     /// Every HTTP status code of the table.
-    pub(crate) const HTTP_CODES: [u16; 13] =
-        [400, 404, 405, 406, 408, 409, 413, 415, 422, 429, 500, 503, 504];
+    pub(crate) const HTTP_CODES: [u16; 15] = [
+        400, 401, 403, 404, 405, 406, 408, 409, 413, 415, 422, 429, 500, 503, 504,
+    ];
 
     /// The table: what the client's program sees, and the HTTP status code.
     #[must_use]
@@ -158,6 +196,8 @@ impl ServiceError {
             Self::NoSuchResource { .. } | Self::NoSuchStream { .. } | Self::NoFrames { .. } => {
                 (Reason::Invalid, 404)
             }
+            Self::Unauthenticated { .. } => (Reason::Unauthenticated, 401),
+            Self::Forbidden { .. } => (Reason::Forbidden, 403),
             Self::MethodNotAllowed { .. } => (Reason::Invalid, 405),
             Self::NotAcceptable { .. } => (Reason::Invalid, 406),
             Self::ReadTimeout { .. } => (Reason::Expired, 408),
@@ -166,7 +206,7 @@ impl ServiceError {
             Self::TooLarge(_) => (Reason::TooLarge, 413),
             Self::Superseded => (Reason::Superseded, 409),
             Self::SlowReader { .. } => (Reason::SlowReader, 408),
-            Self::Quota { .. } => (Reason::Quota, 429),
+            Self::Quota { .. } | Self::Rate { .. } | Self::ClientBytes { .. } => (Reason::Quota, 429),
             Self::Internal(_) => (Reason::Internal, 500),
             Self::Displaced | Self::TooManyConnections { .. } => (Reason::QueueFull, 503),
             Self::QueueFull { .. } => (Reason::QueueFull, 503),
@@ -209,6 +249,7 @@ impl ServiceError {
             | Self::Expired {
                 earliest_feasible, ..
             } => *earliest_feasible,
+            Self::Rate { wait, .. } => Some(*wait),
             _ => None,
         }
     }
@@ -222,6 +263,7 @@ impl ServiceError {
             | Self::Draining
             | Self::Displaced
             | Self::Quota { .. }
+            | Self::ClientBytes { .. }
             | Self::TooManyConnections { .. } => self.earliest_feasible().unwrap_or(Duration::from_secs(1)),
             _ => self.earliest_feasible()?,
         };
@@ -288,6 +330,8 @@ fn reason_name(reason: Reason) -> &'static str {
 pub(crate) fn title(code: u16) -> &'static str {
     match code {
         400 => "Bad Request",
+        401 => "Unauthorized",
+        403 => "Forbidden",
         404 => "Not Found",
         405 => "Method Not Allowed",
         406 => "Not Acceptable",
@@ -300,6 +344,16 @@ pub(crate) fn title(code: u16) -> &'static str {
         503 => "Service Unavailable",
         504 => "Gateway Timeout",
         _ => "Internal Server Error",
+    }
+}
+
+/// What to do to be let in.
+fn unauthenticated(is_wrong: bool) -> &'static str {
+    match is_wrong {
+        true => "nobody has this token here: correct it, or have a new one made (stereod token NAME)",
+        false => {
+            "this server wants to know who asks: send `Authorization: Bearer TOKEN`, as stereod token NAME makes one"
+        }
     }
 }
 

@@ -23,14 +23,21 @@ def main() -> int:
     fuzzer = shutil.which("schemathesis", path=Path(sys.executable).parent)
     if fuzzer is None:
         sys.exit("schemathesis is not installed beside this Python: run `make test-api`")
+    printed = subprocess.run([args.stereod, "token", "fuzzer"], check=True, capture_output=True, text=True).stdout
+    token = next(line for line in printed.splitlines() if line.startswith("stereod_"))
+    config = ROOT / "target/api.toml"
+    config.write_text(printed[printed.index("[clients.") :])
     server = subprocess.Popen(
-        [args.stereod, "serve", "--http", "127.0.0.1:0", "--log", "error"], stdout=subprocess.PIPE, text=True
+        [args.stereod, "serve", "--http", "127.0.0.1:0", "--log", "error", "--config", str(config)],
+        stdout=subprocess.PIPE,
+        text=True,
     )
     try:
         url = next(line.split("listening on ")[1].strip() for line in server.stdout if "listening on " in line)
         fuzzed = subprocess.run(
             [
                 *(fuzzer, "run", f"{url}/openapi.json", "--wait-for-schema=60", "--phases=examples,coverage,fuzzing"),
+                *("--header", f"Authorization: Bearer {token}"),
                 *(f"--max-examples={args.examples}", f"--seed={args.seed}", "--request-timeout=10", "--workers=1"),
                 *(f"--exclude-checks={UNCHECKED}", "--generation-database=none", "--no-color"),
             ],

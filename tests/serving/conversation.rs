@@ -245,8 +245,11 @@ pub(crate) struct Reply {
 }
 
 impl Reply {
-    async fn of(request: reqwest::RequestBuilder) -> Self {
-        let response = request.send().await.expect("an answer");
+    pub(crate) async fn of(request: reqwest::RequestBuilder) -> Self {
+        Self::of_response(request.send().await.expect("an answer")).await
+    }
+
+    pub(crate) async fn of_response(response: reqwest::Response) -> Self {
         let header = |name: &str| {
             let value = response.headers().get(name);
             value

@@ -13,6 +13,7 @@ mod client;
 mod command_line;
 mod conversation;
 mod crowds;
+mod doors;
 mod encodings;
 mod files;
 mod h2c;

@@ -24,7 +24,7 @@ fn background(camera: &str) -> v1::StereoRequest {
 /// A server with a camera of three times the weight of any other, ready.
 async fn with_a_heavy_camera(test: &str) -> Server {
     let file = std::env::temp_dir().join(format!("stereod-{test}-{}.toml", std::process::id()));
-    std::fs::write(&file, "[weights.cameras]\nheavy = 3\n").expect("a file");
+    std::fs::write(&file, "[clients.robot]\nweight = 3\ncameras = [\"heavy\"]\n").expect("a file");
     let server = Server::start(&["--config", file.to_str().expect("a plain path")]);
     std::fs::remove_file(file).expect("the test's own file");
     server.until_ready().await;

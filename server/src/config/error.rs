@@ -2,8 +2,6 @@
 
 use thiserror::Error;
 
-use super::weights::WEIGHTS;
-
 /// Why the server can't start with this configuration; each says what to do.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
 pub enum ConfigError {
@@ -16,11 +14,13 @@ pub enum ConfigError {
         reason: String,
     },
     /// The file isn't TOML, or has an unknown key or a value of the wrong type.
-    #[error("the configuration file {path} is not valid: {reason}")]
+    #[error("the configuration file {path} is not valid at line {line}: {reason}")]
     Malformed {
         /// The file.
         path: String,
-        /// Where, what, and which keys there are.
+        /// Where, from 1.
+        line: usize,
+        /// What, and which keys there are.
         reason: String,
     },
     /// A number outside its range.
@@ -57,13 +57,13 @@ pub enum ConfigError {
         /// The value given.
         got: String,
     },
-    /// A weight outside its range.
-    #[error("the weight of {client} must be {} to {}, got {got}", WEIGHTS.start(), WEIGHTS.end())]
-    BadWeight {
-        /// Its table and key in the file.
+    /// A client can't be as described.
+    #[error("clients.{client} is not acceptable: {reason}")]
+    Client {
+        /// Its name.
         client: String,
-        /// The value given.
-        got: u32,
+        /// What is wrong.
+        reason: String,
     },
     /// Zenoh's own configuration can't be used.
     #[error("zenoh can't be configured so: {reason}")]

@@ -65,27 +65,72 @@ fn a_simd_level_that_does_not_exist_is_refused_naming_what_does() {
     assert_eq!(lowered.level(), Ok(Level::SCALAR));
 }
 
+/// The hash of `abc`.
+const HASH: &str = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad";
+
 #[test]
-fn clients_have_the_weights_of_the_file() {
-    let text = "[weights.cameras]\nfront = 4\n[weights.addresses]\n\"::ffff:192.0.2.7\" = 2\n";
-    let config = Config::from_toml(text, "x").unwrap();
+fn clients_stand_in_the_file_and_their_hashes_nowhere_else() {
+    let text = format!(
+        "[clients.lab]\ntoken_sha256 = \"{HASH}\"\nweight = 4\nrequests_per_second = 60\ncameras = [\"front\", \"arm-*\"]\n"
+    );
+    let config = Config::from_toml(&text, "x").unwrap();
     config.validate().unwrap();
-    let weights = config.weights.by_client();
-    assert_eq!(weights.get("camera front"), Some(&4));
-    assert_eq!(weights.get("192.0.2.7"), Some(&2));
-    let json = serde_json::to_string(&config).unwrap();
-    assert_eq!(serde_json::from_str::<Config>(&json).unwrap(), config);
+    assert!(config.has_doors() && !Config::default().has_doors());
+    let lab = &config.clients["lab"];
+    assert_eq!((lab.weight, lab.requests_per_second), (4, Some(60)));
+    let shown = format!("{config:?} {}", serde_json::to_string(&config).unwrap());
+    assert!(shown.contains("arm-*") && !shown.contains(&HASH[..8]), "{shown}");
 }
 
 #[test]
-fn weights_that_make_no_sense_are_refused_by_name() {
-    for (text, word) in [
-        ("[weights.cameras]\nfront = 0\n", "weights.cameras.front"),
-        ("[weights.addresses]\n\"192.0.2.7\" = 1001\n", "192.0.2.7"),
-        ("[weights.cameras]\n\"two words\" = 2\n", "two words"),
+fn clients_that_make_no_sense_are_refused_by_name() {
+    let twice = format!("[clients.a]\ntoken_sha256 = \"{HASH}\"\n[clients.b]\ntoken_sha256 = \"{HASH}\"\n");
+    let both = format!("[clients.a]\ntoken_sha256 = \"{HASH}\"\naddresses = [\"192.0.2.7\"]\n");
+    for (text, words) in [
+        ("[clients.front]\nweight = 0\n", ["clients.front", "1 to 1000"]),
+        (
+            "[clients.front]\nrequests_per_second = 0\n",
+            ["clients.front", "requests_per_second"],
+        ),
+        (
+            "[clients.front]\nbytes_in_flight = 1\n",
+            ["clients.front", "bytes_in_flight"],
+        ),
+        ("[clients.front]\ncameras = [\"a/b\"]\n", ["clients.front", "a/b"]),
+        ("[clients.\"two words\"]\n", ["two words", "characters"]),
+        (&twice, ["clients.b", "same token"]),
+        (&both, ["clients.a", "addresses"]),
     ] {
         let error = Config::from_toml(text, "x").unwrap().validate().unwrap_err();
-        assert!(error.to_string().contains(word), "{error}");
+        let error = error.to_string();
+        assert!(words.iter().all(|word| error.contains(word)), "{error}");
     }
-    assert!(Config::from_toml("[weights.addresses]\nnowhere = 2\n", "x").is_err());
+    assert!(Config::from_toml("[clients.a]\naddresses = [\"nowhere\"]\n", "x").is_err());
+    let many = BTreeMap::from_iter((0..1025).map(|n| (format!("c{n}"), ClientConfig::default())));
+    assert!(refused(|c| c.clients = many).contains("1024"));
+    let cameras = vec!["x".to_owned(); 257];
+    let client = ClientConfig {
+        cameras,
+        ..ClientConfig::default()
+    };
+    assert!(refused(|c| c.clients = BTreeMap::from([("a".to_owned(), client)])).contains("256"));
+}
+
+#[test]
+fn a_token_in_the_wrong_place_is_not_shown() {
+    for text in [
+        "[clients.lab]\ntoken = \"stereod_s3cret\"\n",
+        "[clients.lab]\ntoken_sha256 = \"stereod_s3cret\"\n",
+        "[clients.lab]\ntoken_sha256 = \"stereod_s3cret\n",
+    ] {
+        let config = Config::from_toml(text, "x");
+        let error = config
+            .and_then(|config| config.validate())
+            .unwrap_err()
+            .to_string();
+        assert!(
+            !error.contains("s3cret") && error.contains("clients.lab") | error.contains("line 2"),
+            "{error}"
+        );
+    }
 }

@@ -43,7 +43,7 @@ fn args(left: &str, right: &str, out: &Path, flags: &[&str]) -> Box<MatchArgs> {
     let start = ["stereod", "match", left, right, "--out", out.to_str().unwrap()];
     match Cli::try_parse_from(start.iter().chain(flags)).unwrap().command {
         Command::Match(args) => args,
-        Command::Serve(_) => unreachable!("`match` was given"),
+        Command::Serve(_) | Command::Token { .. } => unreachable!("`match` was given"),
     }
 }
 

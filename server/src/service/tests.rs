@@ -27,6 +27,7 @@ fn without_workers(capacity: usize) -> Service {
     };
     Service {
         shared: Arc::new(shared),
+        clients: Arc::default(),
         workers: 0,
         pool: Mutex::new(None),
         draining: watch::Sender::new(false),

@@ -1,10 +1,46 @@
 use super::*;
 
+#[expect(clippy::too_many_lines, reason = "a table: one entry an error")]
 fn every_error() -> Vec<(ServiceError, u16, &'static str)> {
     let budget = Duration::from_millis(5);
     let earliest_feasible = Some(Duration::from_micros(12_500));
     vec![
         (ServiceError::Invalid("x".into()), 400, "INVALID"),
+        (
+            ServiceError::Unauthenticated { is_wrong: false },
+            401,
+            "UNAUTHENTICATED",
+        ),
+        (
+            ServiceError::Unauthenticated { is_wrong: true },
+            401,
+            "UNAUTHENTICATED",
+        ),
+        (
+            ServiceError::Forbidden {
+                client: "a".into(),
+                camera: "b".into(),
+            },
+            403,
+            "FORBIDDEN",
+        ),
+        (
+            ServiceError::Rate {
+                client: "a".into(),
+                limit: 5,
+                wait: budget,
+            },
+            429,
+            "QUOTA",
+        ),
+        (
+            ServiceError::ClientBytes {
+                client: "a".into(),
+                limit: 1 << 20,
+            },
+            429,
+            "QUOTA",
+        ),
         (
             ServiceError::NoSuchResource { path: "/v2".into() },
             404,
@@ -133,7 +169,11 @@ fn retry_after_is_rounded_up_and_the_body_is_exact() {
 fn only_what_can_pass_is_worth_trying_again() {
     for (error, code, _) in every_error() {
         let known = error.earliest_feasible().is_some();
-        assert_eq!(error.retry_after_s().is_some(), code == 503 || known, "{error}");
+        assert_eq!(
+            error.retry_after_s().is_some(),
+            matches!(code, 429 | 503) || known,
+            "{error}"
+        );
     }
 }
 

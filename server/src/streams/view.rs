@@ -91,11 +91,13 @@ struct ResultView {
 }
 
 impl StreamsView {
-    pub(crate) fn of(streams: &Streams) -> Self {
+    /// Those of the cameras that `may_see` lets through.
+    pub(crate) fn of(streams: &Streams, may_see: impl Fn(&str) -> bool) -> Self {
         Self {
             streams: streams
                 .all()
                 .iter()
+                .filter(|stream| may_see(&stream.camera))
                 .map(|stream| StreamView::of(stream))
                 .collect(),
             zenoh: streams.network(),

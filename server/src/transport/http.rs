@@ -9,6 +9,8 @@
 //! | `GET /openapi.json`, `/docs/` | this API's description, for programs and people ([`description`]) |
 //! | `GET /` and the files below | the web page ([`console`]) |
 //! | `GET /v1/info`, `/v1/schema.binpb`, `/livez`, `/readyz` | about the server ([`about`]) |
+//!
+//! All but the last two, the page, the description and the schema are behind the [`door`].
 
 mod about;
 mod batch;
@@ -16,6 +18,7 @@ mod body;
 mod connections;
 mod console;
 mod description;
+mod door;
 mod early;
 mod envelope;
 mod form;
@@ -57,7 +60,7 @@ struct Http {
 
 /// All routes in front of `service`. `simd` is the name of the instruction-set level in use.
 pub fn router(config: &Config, simd: &'static str, service: Arc<Service>, streams: Arc<Streams>) -> Router {
-    let http = Http {
+    let http = Arc::new(Http {
         service,
         streams,
         bodies: body::BodyLimits::new(config),
@@ -65,9 +68,9 @@ pub fn router(config: &Config, simd: &'static str, service: Arc<Service>, stream
         info: Info::new(config, simd),
         hints: early::Hints::default(),
         batch_places: Arc::new(Semaphore::new(BACKGROUND_CAPACITY / 2)),
-    };
+    });
     let names = Arc::new(envelope::RequestNames::new(&config.instance));
-    description::routes(console::routes(Router::new()))
+    let behind_the_door = Router::new()
         .route("/v1/stereo", only("POST", post(frames::post)))
         .route("/v1/stereo/batch", only("POST", post(batch::post)))
         .route("/v1/streams", only("GET, HEAD", get(streams::all)))
@@ -82,12 +85,14 @@ pub fn router(config: &Config, simd: &'static str, service: Arc<Service>, stream
         )
         .route("/metrics", only("GET, HEAD", get(about::metrics)))
         .route("/v1/info", only("GET, HEAD", get(about::info)))
+        .route_layer(from_fn_with_state(Arc::clone(&http), door::enter));
+    description::routes(console::routes(behind_the_door))
         .route("/v1/schema.binpb", only("GET, HEAD", get(about::schema)))
         .route("/livez", only("GET, HEAD", get(about::live)))
         .route("/readyz", only("GET, HEAD", get(about::ready)))
         .fallback(no_such_resource)
         .layer(from_fn_with_state(names, envelope::wrap))
-        .with_state(Arc::new(http))
+        .with_state(http)
 }
 
 /// A resource whose other methods are refused naming `expected`.

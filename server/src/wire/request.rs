@@ -8,7 +8,8 @@ use prost_types::Timestamp;
 use stereo_proto::v1::StereoRequest;
 
 use super::{images, options};
-use crate::job::{FrameIds, FrameRequest, PriorityClass, ReplyFormat, client_of_camera};
+use crate::clients::Caller;
+use crate::job::{FrameIds, FrameRequest, PriorityClass, ReplyFormat};
 use crate::status::ServiceError;
 
 /// Longest request id in characters.
@@ -29,8 +30,8 @@ pub struct Intake {
     pub formats: Vec<ReplyFormat>,
     /// Pixels one image may have.
     pub max_image_px: u64,
-    /// Whose share the request counts against if it names no camera: the address it came from.
-    pub peer: String,
+    /// Who sent it.
+    pub caller: Caller,
     /// The class of a request that names none; background = it can't have another.
     pub priority: PriorityClass,
 }
@@ -52,7 +53,7 @@ pub fn decode_request(body: Bytes) -> Result<StereoRequest, ServiceError> {
 /// # Errors
 /// [`ServiceError::Invalid`] naming what is missing, malformed, out of range or not built yet;
 /// [`ServiceError::Unmatchable`] if sizes, region of interest and disparities don't go together;
-/// [`ServiceError::TooLarge`] if an image has too many pixels.
+/// [`ServiceError::TooLarge`] if an image has too many pixels; [`ServiceError::Forbidden`] if the camera is not the caller's to use.
 pub fn frame_request(message: StereoRequest, intake: Intake) -> Result<FrameRequest, ServiceError> {
     let left_timestamp = message.left.as_ref().and_then(|left| left.timestamp);
     let ids = FrameIds {
@@ -65,6 +66,7 @@ pub fn frame_request(message: StereoRequest, intake: Intake) -> Result<FrameRequ
             .map(capture_time)
             .transpose()?,
     };
+    intake.caller.check_camera(&ids.camera_id)?;
     let (left, right, shape) = images::pair(message.left, message.right, intake.max_image_px)?;
     let calibration = message.calibration.map(options::calibration).transpose()?;
     let circumstances = options::Circumstances {
@@ -75,10 +77,7 @@ pub fn frame_request(message: StereoRequest, intake: Intake) -> Result<FrameRequ
         priority: intake.priority,
     };
     let options = options::validate(&message.options.unwrap_or_default(), &circumstances)?;
-    let client = match ids.camera_id.as_str() {
-        "" => intake.peer,
-        camera => client_of_camera(camera),
-    };
+    let client = intake.caller.share(&ids.camera_id);
     Ok(FrameRequest {
         ids,
         left,

@@ -39,6 +39,7 @@ pub(super) async fn info(State(http): State<Arc<Http>>) -> Response {
     get,
     path = "/v1/schema.binpb",
     tag = "server",
+    security(()),
     summary = "The protobuf messages, as a google.protobuf.FileDescriptorSet",
     responses((status = 200, description = "The schema", body = Binary, content_type = "application/x-protobuf"), Refusal),
 )]
@@ -55,6 +56,7 @@ pub(super) async fn schema() -> Response {
     get,
     path = "/livez",
     tag = "server",
+    security(()),
     summary = "Whether the process answers",
     responses((status = 200, description = "It does", body = Liveness), Refusal),
 )]
@@ -67,6 +69,7 @@ pub(super) async fn live() -> Response {
     get,
     path = "/readyz",
     tag = "server",
+    security(()),
     summary = "Whether a frame sent now would be taken",
     responses(
         Refusal,

@@ -28,11 +28,12 @@ use tokio::sync::OwnedSemaphorePermit;
 
 use self::reader::{Broken, Message, Reader, broken_off};
 use self::replies::{Outlet, Piece, channel};
-use super::connections::{Busy, Peer};
+use super::connections::Busy;
 use super::description::Binary;
 use super::envelope::{ReceivedAt, RequestId};
 use super::refusal::Refusal;
 use super::{Http, negotiate};
+use crate::clients::Caller;
 use crate::job::{PriorityClass, ReplyFormat};
 use crate::metrics::BatchEnd;
 use crate::status::ServiceError;
@@ -59,7 +60,7 @@ pub(super) async fn post(
     State(http): State<Arc<Http>>,
     Extension(ReceivedAt(received_at)): Extension<ReceivedAt>,
     Extension(RequestId(request_id)): Extension<RequestId>,
-    peer: Option<Extension<Peer>>,
+    Extension(caller): Extension<Caller>,
     busy: Option<Extension<Arc<Busy>>>,
     request: Request,
 ) -> Result<Response, Refusal> {
@@ -71,7 +72,7 @@ pub(super) async fn post(
     let (outlet, replies) = channel(http.bodies.timeout());
     let batch = Batch {
         id: request_id.chars().take(ID_CHARACTERS).collect(),
-        peer: peer.map_or_else(String::new, |Extension(Peer(address))| address.to_string()),
+        caller,
         http,
     };
     tokio::spawn(async move {
@@ -122,7 +123,7 @@ fn check_head(http: &Http, headers: &HeaderMap) -> Result<(), ServiceError> {
 /// What all requests of a batch share.
 struct Batch {
     id: String,
-    peer: String,
+    caller: Caller,
     http: Arc<Http>,
 }
 
@@ -142,7 +143,7 @@ impl Batch {
     async fn answer_all(&self, body: Body, mut outlet: Outlet) -> BatchEnd {
         // One more than can be worked on, so that a worker never waits for the network.
         let most = self.http.service.workers() + 1;
-        let mut reader = Reader::new(Arc::clone(&self.http), body);
+        let mut reader = Reader::new(Arc::clone(&self.http), self.caller.clone(), body);
         let mut underway = FuturesUnordered::<Underway>::new();
         let mut is_reading = true;
         let mut is_lost = false;
@@ -220,7 +221,7 @@ impl Batch {
             request_id: own_id.clone(),
             formats: vec![ReplyFormat::Protobuf],
             max_image_px: http.max_image_px,
-            peer: self.peer.clone(),
+            caller: self.caller.clone(),
             priority: PriorityClass::Background,
         };
         async move {
@@ -242,6 +243,10 @@ async fn answer(
     own_id: String,
 ) -> (String, Result<Bytes, ServiceError>) {
     let received_at = intake.received_at;
+    // One alone would be refused; a batch waits instead.
+    if let Some(client) = intake.caller.client() {
+        client.wait_for_request().await;
+    }
     let refuse = |error, id: &str| http.service.refuse(error, received_at, id);
     let message = match decode_request(bytes) {
         Ok(message) => message,
@@ -258,7 +263,7 @@ async fn answer(
             return (id, Err(error));
         }
     };
-    // Without a place a request would be refused because others wait; a batch waits instead.
+    // The same for a place.
     let _place: Option<OwnedSemaphorePermit> = Arc::clone(&http.batch_places).acquire_owned().await.ok();
     let outcome = http.service.submit(frame).await.and_then(|reply| {
         let body = reply.bodies.into_iter().next();

@@ -16,6 +16,7 @@ use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 use tokio::time::{timeout, timeout_at};
 
 use super::refusal::Refusal;
+use crate::clients::Caller;
 use crate::config::Config;
 use crate::status::ServiceError;
 
@@ -44,7 +45,29 @@ pub(super) struct BodyLimits {
 /// A whole body. Its bytes count as in flight until this is dropped.
 pub(super) struct Received {
     pub(super) bytes: Bytes,
-    pub(super) share: Option<OwnedSemaphorePermit>,
+    pub(super) share: Share,
+}
+
+/// Bytes in flight, counted while this lives: among all, and among the client's if it has a bound of its own.
+#[derive(Default)]
+pub(super) struct Share {
+    of_all: Option<OwnedSemaphorePermit>,
+    of_client: Option<OwnedSemaphorePermit>,
+}
+
+impl Share {
+    fn merge(&mut self, more: Self) {
+        for (share, more) in [
+            (&mut self.of_all, more.of_all),
+            (&mut self.of_client, more.of_client),
+        ] {
+            match (share.as_mut(), more) {
+                (Some(share), Some(more)) => share.merge(more),
+                (None, more) => *share = more,
+                (Some(_), None) => {}
+            }
+        }
+    }
 }
 
 impl BodyLimits {
@@ -89,10 +112,17 @@ impl BodyLimits {
     }
 
     /// Room for a request of a batch of `len` bytes, as soon as there is some.
-    pub(super) async fn batch_share(&self, len: usize) -> Option<OwnedSemaphorePermit> {
+    pub(super) async fn batch_share(&self, caller: &Caller, len: usize) -> Share {
         let count = u32::try_from(len.min(self.batch_bytes)).unwrap_or(u32::MAX);
-        // The semaphore is never closed.
-        Arc::clone(&self.batches).acquire_many_owned(count).await.ok()
+        let of_client = match caller.client() {
+            Some(client) => client.reserve_when_free(len).await,
+            None => None,
+        };
+        Share {
+            // The semaphore is never closed.
+            of_all: Arc::clone(&self.batches).acquire_many_owned(count).await.ok(),
+            of_client,
+        }
     }
 
     /// Reads a whole body. `budget` is what the headers said.
@@ -102,6 +132,7 @@ impl BodyLimits {
     /// deadline, broken off, or no room for it among the others.
     pub(super) async fn read(
         &self,
+        caller: &Caller,
         mut body: Body,
         received_at: Instant,
         budget: Option<Duration>,
@@ -112,7 +143,11 @@ impl BodyLimits {
             return Err(self.too_large(Some(claimed)));
         }
         let limit = budget.map_or(self.read_timeout, |budget| budget.min(self.read_timeout));
-        let outcome = timeout_at((received_at + limit).into(), self.collect(&mut body, claimed)).await;
+        let outcome = timeout_at(
+            (received_at + limit).into(),
+            self.collect(caller, &mut body, claimed),
+        )
+        .await;
         match (outcome, budget) {
             (Ok(Ok(received)), _) => Ok(received),
             (Ok(Err(error)), _) => {
@@ -129,12 +164,17 @@ impl BodyLimits {
         }
     }
 
-    async fn collect(&self, body: &mut Body, claimed: u64) -> Result<Received, ServiceError> {
+    async fn collect(
+        &self,
+        caller: &Caller,
+        body: &mut Body,
+        claimed: u64,
+    ) -> Result<Received, ServiceError> {
         let expected = usize::try_from(claimed)
             .unwrap_or(usize::MAX)
             .min(FIRST_RESERVATION);
         let mut bytes = BytesMut::with_capacity(expected);
-        let mut share: Option<OwnedSemaphorePermit> = None;
+        let mut share = Share::default();
         while let Some(frame) = body.frame().await {
             let frame =
                 frame.map_err(|error| ServiceError::Invalid(format!("the body broke off: {error}")))?;
@@ -142,11 +182,7 @@ impl BodyLimits {
             if bytes.len() as u64 + data.len() as u64 > self.body_bytes {
                 return Err(self.too_large(None));
             }
-            let more = self.reserve(data.len())?;
-            match &mut share {
-                Some(share) => share.merge(more),
-                None => share = Some(more),
-            }
+            share.merge(self.reserve(caller, data.len())?);
             bytes.extend_from_slice(&data);
         }
         Ok(Received {
@@ -162,10 +198,11 @@ impl BodyLimits {
     /// No room for it among the others.
     pub(super) fn reply(
         &self,
+        caller: &Caller,
         bytes: Bytes,
         on_sent: impl Fn(usize) + Send + Sync + 'static,
     ) -> Result<Body, ServiceError> {
-        let share = self.reserve(bytes.len())?;
+        let share = self.reserve(caller, bytes.len())?;
         Ok(Body::new(Reply {
             bytes: bytes.len(),
             rest: bytes,
@@ -174,16 +211,22 @@ impl BodyLimits {
         }))
     }
 
-    fn reserve(&self, count: usize) -> Result<OwnedSemaphorePermit, ServiceError> {
+    fn reserve(&self, caller: &Caller, count: usize) -> Result<Share, ServiceError> {
         let full = ServiceError::BytesInFlight {
             limit: self.bytes_in_flight,
         };
         let Ok(count) = u32::try_from(count) else {
             return Err(full);
         };
-        Arc::clone(&self.in_flight)
-            .try_acquire_many_owned(count)
-            .map_err(|_| full)
+        let of_client = match caller.client() {
+            Some(client) => client.reserve(count)?,
+            None => None,
+        };
+        let of_all = Arc::clone(&self.in_flight).try_acquire_many_owned(count);
+        Ok(Share {
+            of_all: Some(of_all.map_err(|_| full)?),
+            of_client,
+        })
     }
 
     fn too_large(&self, claimed: Option<u64>) -> ServiceError {
@@ -205,7 +248,7 @@ struct Reply {
     /// Told the size.
     on_sent: Option<Box<dyn Fn(usize) + Send + Sync>>,
     /// Held for its drop.
-    _share: OwnedSemaphorePermit,
+    _share: Share,
 }
 
 impl HttpBody for Reply {

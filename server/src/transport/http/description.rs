@@ -13,7 +13,8 @@ use axum::http::{HeaderName, HeaderValue, StatusCode};
 use axum::response::Response;
 use axum::routing::get;
 use bytes::Bytes;
-use utoipa::{OpenApi, ToSchema};
+use utoipa::openapi::security::{HttpAuthScheme, HttpBuilder, SecurityScheme};
+use utoipa::{Modify, OpenApi, ToSchema, openapi};
 use utoipa_swagger_ui::Config;
 
 use super::about::typed;
@@ -42,6 +43,8 @@ use crate::status::{Problem, ServiceError};
         about::metrics,
     ),
     components(schemas(Problem, Binary)),
+    modifiers(&Doors),
+    security(("token" = [])),
     tags(
         (name = "pairs", description = "Stereo pairs in, disparity and mesh out"),
         (name = "streams", description = "Cameras that send over Zenoh, live"),
@@ -49,6 +52,22 @@ use crate::status::{Problem, ServiceError};
     ),
 )]
 struct Description;
+
+/// How a client says who it is.
+struct Doors;
+
+impl Modify for Doors {
+    fn modify(&self, description: &mut openapi::OpenApi) {
+        let token = HttpBuilder::new()
+            .scheme(HttpAuthScheme::Bearer)
+            .description(Some(
+                "A token that `stereod token NAME` has made; needed once the server's configuration has one",
+            ))
+            .build();
+        let components = description.components.get_or_insert_default();
+        components.add_security_scheme("token", SecurityScheme::Http(token));
+    }
+}
 
 /// Bytes.
 #[derive(ToSchema)]

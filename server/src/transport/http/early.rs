@@ -23,7 +23,7 @@ const KINDS: usize = 4;
 /// for ever.
 const LIFETIME: Duration = Duration::from_secs(1);
 
-/// An address, and the length of the body.
+/// Whose share a request without a camera counts against, and the length of the body.
 pub(super) type Sender = (String, u64);
 /// What a request was like, and when.
 type Seen = (Instant, JobSpec<Kind>);

@@ -104,7 +104,7 @@ pub(super) async fn wrap(
     answer
 }
 
-/// Everything logged while the request is served carries its name and the client's trace.
+/// Everything logged while the request is served carries its name, the client's once it is known, and the client's trace.
 fn span(request: &Request, id: &RequestId) -> tracing::Span {
     let trace_parent = request
         .headers()
@@ -115,6 +115,7 @@ fn span(request: &Request, id: &RequestId) -> tracing::Span {
         method = %request.method(),
         path = request.uri().path(),
         request_id = id.0,
+        client = tracing::field::Empty,
         traceparent = trace_parent,
     )
 }

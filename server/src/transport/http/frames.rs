@@ -9,17 +9,17 @@ use axum::http::header::CONTENT_TYPE;
 use axum::http::request::Parts;
 use axum::http::{HeaderMap, HeaderName, HeaderValue, Uri};
 use axum::response::Response;
-use tokio::sync::OwnedSemaphorePermit;
 
 use super::Http;
-use super::body::Received;
-use super::connections::{Departures, Peer};
+use super::body::{Received, Share};
+use super::connections::Departures;
 use super::description::{Binary, PictureName};
 use super::early::Sender;
 use super::envelope::{ReceivedAt, RequestId};
 use super::form::parts_from_multipart;
 use super::negotiate::{self, Reply};
 use super::refusal::Refusal;
+use crate::clients::Caller;
 use crate::encode::Summary;
 use crate::job::{FrameRequest, PriorityClass, Report};
 use crate::service::Service;
@@ -84,12 +84,11 @@ pub(super) async fn post(
     State(http): State<Arc<Http>>,
     Extension(ReceivedAt(received_at)): Extension<ReceivedAt>,
     Extension(RequestId(mut request_id)): Extension<RequestId>,
-    (peer, departures): (Option<Extension<Peer>>, Option<Extension<Departures>>),
+    (Extension(caller), departures): (Extension<Caller>, Option<Extension<Departures>>),
     request: Request,
 ) -> Result<Response, Refusal> {
-    let peer = peer.map_or_else(String::new, |Extension(Peer(address))| address.to_string());
     let (parts, body) = request.into_parts();
-    let sender = body.size_hint().exact().map(|bytes| (peer.clone(), bytes));
+    let sender = body.size_hint().exact().map(|bytes| (caller.share(""), bytes));
     let head = match assess(&http, &parts, sender.as_ref(), received_at) {
         Ok(head) => head,
         Err(error) => {
@@ -98,7 +97,14 @@ pub(super) async fn post(
         }
     };
     let mut unfinished = CountIfCancelled(Some(&http.service));
-    let read = read(&http, &head, body, received_at, (&mut request_id, peer, sender)).await;
+    let read = read(
+        &http,
+        &head,
+        body,
+        received_at,
+        (&mut request_id, &caller, sender),
+    )
+    .await;
     unfinished.0 = None;
     let (frame, share) = match read {
         Ok(read) => read,
@@ -129,7 +135,7 @@ pub(super) async fn post(
     drop(share);
     let body = finished.bodies.into_iter().next();
     let body = body.ok_or_else(|| ServiceError::Internal("a reply without a body".to_owned()));
-    let body = body.and_then(|body| http.bodies.reply(body, on_handed_over));
+    let body = body.and_then(|body| http.bodies.reply(&caller, body, on_handed_over));
     let body = body.map_err(|error| {
         http.service.count_unsent(&error);
         named(error)
@@ -165,9 +171,10 @@ async fn read(
     head: &Head,
     body: Body,
     received_at: Instant,
-    (request_id, peer, sender): (&mut String, String, Option<Sender>),
-) -> Result<(FrameRequest, Option<OwnedSemaphorePermit>), ServiceError> {
-    let Received { bytes, share } = http.bodies.read(body, received_at, head.budget).await?;
+    (request_id, caller, sender): (&mut String, &Caller, Option<Sender>),
+) -> Result<(FrameRequest, Share), ServiceError> {
+    let received = http.bodies.read(caller, body, received_at, head.budget);
+    let Received { bytes, share } = received.await?;
     let message = match &head.content {
         Content::Protobuf => decode_request(bytes)?,
         Content::Multipart { boundary } => request_from_form(parts_from_multipart(bytes, boundary).await?)?,
@@ -181,7 +188,7 @@ async fn read(
         request_id: request_id.clone(),
         formats: vec![head.reply.format],
         max_image_px: http.max_image_px,
-        peer,
+        caller: caller.clone(),
         priority: PriorityClass::default(),
     };
     let frame = frame_request(message, intake)?;

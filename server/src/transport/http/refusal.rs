@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use axum::body::Body;
-use axum::http::header::{ALLOW, CONNECTION, CONTENT_TYPE, RETRY_AFTER};
+use axum::http::header::{ALLOW, CONNECTION, CONTENT_TYPE, RETRY_AFTER, WWW_AUTHENTICATE};
 use axum::http::{HeaderValue, StatusCode, Version};
 use axum::response::{IntoResponse, Response};
 use prost::Message;
@@ -114,6 +114,13 @@ pub(super) fn write(error: &ServiceError, form: RefusalForm, request_id: &str) -
     }
     if let ServiceError::MethodNotAllowed { expected, .. } = error {
         headers.insert(ALLOW, HeaderValue::from_static(expected));
+    }
+    if let ServiceError::Unauthenticated { is_wrong } = error {
+        let challenge = match is_wrong {
+            true => "Bearer realm=\"stereod\", error=\"invalid_token\"",
+            false => "Bearer realm=\"stereod\"",
+        };
+        headers.insert(WWW_AUTHENTICATE, HeaderValue::from_static(challenge));
     }
     response
 }

@@ -4,7 +4,7 @@ use std::convert::Infallible;
 use std::sync::Arc;
 use std::time::Duration;
 
-use axum::extract::{Path, State};
+use axum::extract::{Extension, Path, State};
 use axum::http::{HeaderMap, StatusCode, Uri};
 use axum::response::sse::{Event as Sse, KeepAlive};
 use axum::response::{IntoResponse, Response, Sse as SseResponse};
@@ -16,6 +16,7 @@ use super::description::{Binary, FrameViewName};
 use super::frames::view;
 use super::refusal::Refusal;
 use super::{Http, negotiate};
+use crate::clients::Caller;
 use crate::encode::Summary;
 use crate::status::ServiceError;
 use crate::streams::{Event, Stream, StreamView, StreamsView, event_json};
@@ -32,11 +33,12 @@ const KEEP_ALIVE: Duration = Duration::from_secs(5);
     get,
     path = "/v1/streams",
     tag = "streams",
-    summary = "Every camera's stream, and the network they come over",
+    summary = "Every stream of a camera that the client may use, and the network they come over",
     responses((status = 200, description = "All streams", body = StreamsView), Refusal),
 )]
-pub(super) async fn all(State(http): State<Arc<Http>>) -> Response {
-    json(StatusCode::OK, &StreamsView::of(&http.streams))
+pub(super) async fn all(State(http): State<Arc<Http>>, Extension(caller): Extension<Caller>) -> Response {
+    let may_see = |camera: &str| caller.check_camera(camera).is_ok();
+    json(StatusCode::OK, &StreamsView::of(&http.streams, may_see))
 }
 
 /// `GET /v1/streams/{camera}`.
@@ -50,9 +52,13 @@ pub(super) async fn all(State(http): State<Arc<Http>>) -> Response {
 )]
 pub(super) async fn one(
     State(http): State<Arc<Http>>,
+    Extension(caller): Extension<Caller>,
     Path(camera): Path<String>,
 ) -> Result<Response, Refusal> {
-    Ok(json(StatusCode::OK, &StreamView::of(&*find(&http, &camera)?)))
+    Ok(json(
+        StatusCode::OK,
+        &StreamView::of(&*find(&http, &caller, &camera)?),
+    ))
 }
 
 /// `GET /v1/streams/{camera}/latest`: the next result, in the accepted format; with `?view=frame`, everything there is to see of it.
@@ -78,11 +84,12 @@ pub(super) async fn one(
 )]
 pub(super) async fn latest(
     State(http): State<Arc<Http>>,
+    Extension(caller): Extension<Caller>,
     Path(camera): Path<String>,
     uri: Uri,
     headers: HeaderMap,
 ) -> Result<Response, Refusal> {
-    let stream = find(&http, &camera)?;
+    let stream = find(&http, &caller, &camera)?;
     let reply = match view(uri.query().unwrap_or_default())?.as_deref() {
         Some(WHOLE_FRAME) => negotiate::whole_frame(&headers)?,
         view => negotiate::reply(&headers, view)?,
@@ -129,9 +136,10 @@ pub(super) async fn latest(
 )]
 pub(super) async fn events(
     State(http): State<Arc<Http>>,
+    Extension(caller): Extension<Caller>,
     Path(camera): Path<String>,
 ) -> Result<Response, Refusal> {
-    let stream = find(&http, &camera)?;
+    let stream = find(&http, &caller, &camera)?;
     let draining = {
         let http = Arc::clone(&http);
         Box::pin(async move { http.service.draining().await })
@@ -152,7 +160,8 @@ pub(super) async fn events(
     Ok(SseResponse::new(live).keep_alive(keep_alive).into_response())
 }
 
-fn find(http: &Http, camera: &str) -> Result<Arc<Stream>, ServiceError> {
+fn find(http: &Http, caller: &Caller, camera: &str) -> Result<Arc<Stream>, ServiceError> {
+    caller.check_camera(camera)?;
     http.streams
         .get(camera)
         .ok_or_else(|| ServiceError::NoSuchStream {

@@ -25,6 +25,7 @@ use super::payload;
 use super::results::{Outbox, Results};
 use super::settings::Revision;
 use super::{Context, keys};
+use crate::clients::Caller;
 use crate::decode::Side;
 use crate::job::{FrameReply, FrameRequest, PriorityClass, ReplyFormat};
 use crate::status::ServiceError;
@@ -396,7 +397,7 @@ impl Room<'_> {
                 request_id: String::new(),
                 formats,
                 max_image_px: self.context.max_image_px,
-                peer: String::new(),
+                caller: Caller::Stranger(String::new()),
                 priority: PriorityClass::default(),
             },
         )

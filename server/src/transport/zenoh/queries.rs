@@ -15,6 +15,7 @@ use zenoh::query::{Query, Queryable};
 use super::payload::Way;
 use super::settings::Revision;
 use super::{Context, keys, payload};
+use crate::clients::Caller;
 use crate::job::{FrameRequest, PriorityClass, ReplyFormat};
 use crate::status::ServiceError;
 use crate::wire::{Intake, decode_request, frame_request, selector_parameters};
@@ -116,7 +117,7 @@ fn request(
         request_id: String::new(),
         formats: vec![ReplyFormat::Protobuf],
         max_image_px: context.max_image_px,
-        peer: format!("zenoh {}", sender.unwrap_or_default()),
+        caller: Caller::Stranger(format!("zenoh {}", sender.unwrap_or_default())),
         priority: PriorityClass::default(),
     };
     Ok((frame_request(message, intake)?, is_partial))

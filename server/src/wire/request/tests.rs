@@ -29,7 +29,7 @@ fn intake() -> Intake {
         request_id: String::new(),
         formats: vec![ReplyFormat::Protobuf],
         max_image_px: 1 << 24,
-        peer: String::new(),
+        caller: Caller::Stranger(String::new()),
         priority: PriorityClass::default(),
     }
 }

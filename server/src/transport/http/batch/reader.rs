@@ -8,11 +8,12 @@ use std::time::Instant;
 use axum::body::Body;
 use bytes::Bytes;
 use http_body_util::BodyExt;
-use tokio::sync::OwnedSemaphorePermit;
 use tokio::time::timeout_at;
 
+use crate::clients::Caller;
 use crate::status::ServiceError;
 use crate::transport::http::Http;
+use crate::transport::http::body::Share;
 use crate::wire::Delimited;
 
 /// One request as it came.
@@ -21,7 +22,7 @@ pub(super) struct Message {
     /// Its place in the batch, from 0.
     pub(super) index: u64,
     /// Its bytes count as in flight while this lives.
-    pub(super) share: Option<OwnedSemaphorePermit>,
+    pub(super) share: Share,
 }
 
 /// Why the requests end before the body does.
@@ -42,19 +43,21 @@ impl From<ServiceError> for Broken {
 /// Reads on where it left off, even if [`next`](Self::next) is dropped half-way.
 pub(super) struct Reader {
     http: Arc<Http>,
+    caller: Caller,
     body: Body,
     arrived: Delimited,
     /// Room for the message that is arriving.
-    share: Option<OwnedSemaphorePermit>,
+    share: Option<Share>,
     index: u64,
     waiting_since: Instant,
 }
 
 impl Reader {
-    pub(super) fn new(http: Arc<Http>, body: Body) -> Self {
+    pub(super) fn new(http: Arc<Http>, caller: Caller, body: Body) -> Self {
         Self {
             arrived: Delimited::new(http.bodies.body_bytes()),
             http,
+            caller,
             body,
             share: None,
             index: 0,
@@ -72,7 +75,7 @@ impl Reader {
         loop {
             if let Some(len) = self.arrived.next_len()? {
                 if self.share.is_none() {
-                    self.share = self.http.bodies.batch_share(len).await;
+                    self.share = Some(self.http.bodies.batch_share(&self.caller, len).await);
                     self.wait_anew();
                 }
                 if let Some(bytes) = self.arrived.next_message()? {
@@ -82,7 +85,7 @@ impl Reader {
                     return Ok(Some(Message {
                         bytes,
                         index,
-                        share: self.share.take(),
+                        share: self.share.take().unwrap_or_default(),
                     }));
                 }
             }

@@ -9,10 +9,11 @@ use std::time::Duration;
 use axum::body::HttpBody;
 use bytes::Bytes;
 use hyper::body::Frame;
-use tokio::sync::{OwnedSemaphorePermit, mpsc};
+use tokio::sync::mpsc;
 use tokio::time::timeout;
 
 use crate::status::ServiceError;
+use crate::transport::http::body::Share;
 
 /// Size of the pieces that a reply is sent in.
 const PIECE: usize = 128 << 10;
@@ -22,11 +23,11 @@ pub(super) struct Piece {
     head: Bytes,
     rest: Bytes,
     /// The request's share of the bytes in flight, held until the reply is taken.
-    _share: Option<OwnedSemaphorePermit>,
+    _share: Share,
 }
 
 impl Piece {
-    pub(super) fn result(head: Bytes, rest: Bytes, share: Option<OwnedSemaphorePermit>) -> Self {
+    pub(super) fn result(head: Bytes, rest: Bytes, share: Share) -> Self {
         Self {
             head,
             rest,
@@ -46,7 +47,7 @@ impl Piece {
 
 impl From<Bytes> for Piece {
     fn from(whole: Bytes) -> Self {
-        Self::result(whole, Bytes::new(), None)
+        Self::result(whole, Bytes::new(), Share::default())
     }
 }
 
@@ -140,7 +141,11 @@ mod tests {
         let (mut outlet, mut replies) = channel(Duration::from_secs(60));
         let long = Bytes::from(vec![7; 3 * PIECE]);
         outlet
-            .send(Piece::result(Bytes::from_static(b"head"), long.clone(), None))
+            .send(Piece::result(
+                Bytes::from_static(b"head"),
+                long.clone(),
+                Share::default(),
+            ))
             .await
             .unwrap();
         let mut got = Vec::new();

@@ -18,8 +18,12 @@ fn chunks(chunks: &[&'static [u8]]) -> Body {
     Body::from_stream(stream::iter(chunks))
 }
 
+fn stranger() -> Caller {
+    Caller::Stranger(String::new())
+}
+
 async fn read(limits: &BodyLimits, body: Body) -> Result<Received, ServiceError> {
-    limits.read(body, Instant::now(), None).await
+    limits.read(&stranger(), body, Instant::now(), None).await
 }
 
 const LONG: Duration = Duration::from_secs(60);
@@ -66,15 +70,15 @@ async fn a_reply_is_whole_and_counts_until_it_is_taken() {
     let limits = limits(1 << 20, 1 << 20, LONG);
     let bytes = Bytes::from(vec![7; (1 << 20) - 1]);
     let reply = limits
-        .reply(bytes.clone(), |_| ())
+        .reply(&stranger(), bytes.clone(), |_| ())
         .unwrap_or_else(|error| panic!("{error}"));
     assert_eq!(reply.size_hint().exact(), Some(bytes.len() as u64));
     assert!(matches!(
-        limits.reply(bytes.clone(), |_| ()),
+        limits.reply(&stranger(), bytes.clone(), |_| ()),
         Err(ServiceError::BytesInFlight { .. })
     ));
     assert_eq!(reply.collect().await.unwrap().to_bytes(), bytes);
-    assert!(limits.reply(bytes, |_| ()).is_ok());
+    assert!(limits.reply(&stranger(), bytes, |_| ()).is_ok());
 }
 
 #[tokio::test]
@@ -83,13 +87,13 @@ async fn a_body_that_does_not_come_is_a_timeout_or_past_its_deadline() {
     let short = Duration::from_millis(1);
     let impatient = limits(4, 8, short);
     let slow = impatient
-        .read(endless(), Instant::now(), None)
+        .read(&stranger(), endless(), Instant::now(), None)
         .await
         .map(|_| ())
         .unwrap_err();
     assert_eq!(slow, ServiceError::ReadTimeout { limit: short });
     let late = limits(4, 8, LONG)
-        .read(endless(), Instant::now(), Some(short))
+        .read(&stranger(), endless(), Instant::now(), Some(short))
         .await
         .map(|_| ())
         .unwrap_err();
