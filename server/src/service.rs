@@ -212,7 +212,12 @@ impl Service {
         let metrics = &self.shared.metrics;
         metrics.ended(class, error.reason_name());
         metrics.refused(received_at.elapsed());
-        tracing::debug!(request_id, reason = error.reason_name(), %error, "refused");
+        tracing::debug!(
+            request_id,
+            reason = error.reason_name(),
+            error = error.text(),
+            "refused"
+        );
     }
 
     async fn admit(&self, request: FrameRequest, listeners: Listeners) -> Result<FrameReply, ServiceError> {

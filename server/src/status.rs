@@ -7,6 +7,12 @@ use stereo_proto::v1::{Reason, Status};
 use thiserror::Error;
 use utoipa::ToSchema;
 
+/// The longest text of a refusal, in bytes: nothing that was sent comes back at length.
+pub const LONGEST_TEXT: usize = 1000;
+/// What is left of the beginning of a longer one.
+const LONGEST_START: usize = 500;
+const ELLIPSIS: &str = " [..] ";
+
 /// Why a request got no result. The text is one sentence that says what to do; it goes to the client as it is.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum ServiceError {
@@ -270,6 +276,19 @@ impl ServiceError {
         Some((wait.as_secs() + u64::from(wait.subsec_nanos() > 0)).max(1))
     }
 
+    /// The sentence as clients and logs get it, of at most [`LONGEST_TEXT`] bytes. Some name what was sent, which may be long: then the
+    /// beginning is left, which says what it is about, and the end, which says what to do.
+    #[must_use]
+    pub fn text(&self) -> String {
+        let whole = self.to_string();
+        if whole.len() <= LONGEST_TEXT {
+            return whole;
+        }
+        let end = whole.ceil_char_boundary(whole.len() - (LONGEST_TEXT - LONGEST_START - ELLIPSIS.len()));
+        let start = whole.floor_char_boundary(LONGEST_START);
+        [&whole[..start], ELLIPSIS, &whole[end..]].concat()
+    }
+
     /// The wire's refusal; `request_id` is empty if it could not be read.
     #[must_use]
     pub fn to_status(&self, request_id: &str) -> Status {
@@ -277,7 +296,7 @@ impl ServiceError {
         Status {
             code: u32::from(code),
             reason: reason.into(),
-            message: self.to_string(),
+            message: self.text(),
             earliest_feasible: self.earliest_feasible().and_then(|wait| wait.try_into().ok()),
             request_id: request_id.to_owned(),
         }
@@ -291,7 +310,7 @@ impl ServiceError {
             kind: "about:blank",
             title: title(code),
             status: code,
-            detail: self.to_string(),
+            detail: self.text(),
             reason: reason_name(reason),
             earliest_feasible_ms: self.earliest_feasible().map(|wait| wait.as_secs_f64() * 1e3),
             request_id,

@@ -206,7 +206,7 @@ impl Stream {
 
     /// An image could not be used.
     pub(crate) fn failed(&self, error: &ServiceError) {
-        lock(&self.state).last_error = Some(error.to_string());
+        lock(&self.state).last_error = Some(error.text());
     }
 
     /// The number of a frame that came: those left out were lost on the way. False if a newer one came before, and this one is late.
@@ -235,7 +235,7 @@ impl Stream {
         self.metrics.stream_frame(error.reason_name());
         let mut state = lock(&self.state);
         *state.counts.dropped.entry(error.reason_name()).or_default() += 1;
-        state.last_error = Some(error.to_string());
+        state.last_error = Some(error.text());
         drop(state);
         self.tell(|| Event::Dropped {
             sequence,

@@ -185,3 +185,23 @@ fn every_code_is_listed() {
         .collect();
     assert_eq!(codes, ServiceError::HTTP_CODES.into());
 }
+
+#[test]
+fn nothing_that_was_sent_comes_back_at_length() {
+    for long in ["x".repeat(100_000), "\u{e4}\u{1f600}".repeat(10_000)] {
+        let error = ServiceError::NoSuchResource { path: long };
+        let text = error.text();
+        assert!(
+            text.len() <= LONGEST_TEXT && text.len() > LONGEST_TEXT - 10,
+            "{}",
+            text.len()
+        );
+        assert!(
+            text.starts_with("there is nothing at") && text.ends_with("GET /v1/info"),
+            "{text}"
+        );
+        assert_eq!(error.to_status("").message, text);
+    }
+    let short = ServiceError::Draining;
+    assert_eq!(short.text(), short.to_string());
+}

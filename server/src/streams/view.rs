@@ -169,7 +169,7 @@ pub(crate) fn event_json(event: &Event) -> (&'static str, Value) {
         Event::Answered(answer) => ("result", json!(ResultView::of(answer))),
         Event::Dropped { sequence, error } => (
             "dropped",
-            json!({ "sequence": sequence, "reason": error.reason_name(), "detail": error.to_string() }),
+            json!({ "sequence": sequence, "reason": error.reason_name(), "detail": error.text() }),
         ),
     }
 }
