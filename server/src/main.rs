@@ -34,7 +34,8 @@ fn main() -> ExitCode {
 /// Says on stderr why the process ends, and with which code.
 fn fail<E: Display>(code: u8) -> impl Fn(E) -> ExitCode {
     move |error| {
-        eprintln!("stereod: {error}");
+        // The exit code says it too, should nobody be able to read this.
+        let _ = writeln!(stderr(), "stereod: {error}");
         ExitCode::from(code)
     }
 }
@@ -44,7 +45,9 @@ fn run(cli: Cli) -> Result<(), ExitCode> {
         EnvFilter::try_new(&cli.log).map_err(|error| fail(USAGE)(format!("--log {}: {error}", cli.log)))?;
     let logs = tracing_subscriber::fmt()
         .with_env_filter(filter)
-        .with_writer(stderr);
+        .with_writer(stderr)
+        // Where the log can't be written, its disk full or its reader gone, nobody can be told so: trying to would panic.
+        .log_internal_errors(false);
     logs.with_ansi(stderr().is_terminal()).init();
     let runtime = || tokio::runtime::Runtime::new().map_err(fail(SYSTEM));
     match cli.command {
