@@ -7,7 +7,7 @@ use std::time::Duration;
 use clap::builder::BoolishValueParser;
 use clap::{Args, Parser, Subcommand};
 
-use crate::config::{Config, ConfigError, PolicyName, is_name};
+use crate::config::{Config, ConfigError, Fault, PolicyName, is_name};
 
 /// Stereo matching as a service: a pair and a deadline in, the best disparity and mesh that fit out.
 #[derive(Debug, Parser)]
@@ -133,6 +133,10 @@ pub struct ServeArgs {
     /// not looked at), fifo-timeout (and drops what waited too long), fixed:N (and N rungs for all).
     #[arg(long, env = "STEREOD_POLICY", value_name = "POLICY", hide_short_help = true)]
     pub policy: Option<PolicyName>,
+
+    /// For tests of this program only: a worker panics at the N-th frame (panic@N) or gets stuck there (stuck@N).
+    #[arg(long, env = "STEREOD_FAULT", value_name = "FAULT", hide = true)]
+    pub fault: Option<Fault>,
 }
 
 /// Arguments of `stereod match`.
@@ -241,6 +245,7 @@ impl ServeArgs {
             self.stuck_after_ms.map(Duration::from_millis),
         );
         give(&mut config.workers.replacements, self.replacements);
+        give(&mut config.workers.fault, self.fault.map(Some));
         give(&mut config.instance, self.instance);
         give(&mut config.limits.body_bytes, self.max_body_bytes);
         give(&mut config.limits.image_pixels, self.max_image_pixels);

@@ -4,6 +4,7 @@
 
 mod clients;
 mod error;
+mod fault;
 mod policy;
 mod zenoh;
 
@@ -17,6 +18,7 @@ use stereo::{Level, Shape};
 
 pub use self::clients::ClientConfig;
 pub use self::error::ConfigError;
+pub use self::fault::Fault;
 pub use self::policy::PolicyName;
 pub use self::zenoh::{ZenohConfig, zenoh_file};
 
@@ -74,6 +76,9 @@ pub struct WorkersConfig {
     pub stuck_after: Duration,
     /// Workers that may be replaced in the life of the process, 0 to 1024; after that the server is not ready any more.
     pub replacements: u32,
+    /// A fault to have, for tests; not a key of the file.
+    #[serde(skip)]
+    pub fault: Option<Fault>,
 }
 
 /// What is refused before any work is done.
@@ -127,6 +132,7 @@ impl Default for WorkersConfig {
             split_frames: false,
             stuck_after: Duration::from_secs(20),
             replacements: 8,
+            fault: None,
         }
     }
 }

@@ -163,5 +163,11 @@ impl Running {
             zenoh.close().await;
         }
         self.listening.close().await;
+        let (answered, dropped) = self.service.metrics().totals();
+        tracing::info!(
+            answered,
+            dropped,
+            "every frame that was admitted has ended, and every connection"
+        );
     }
 }

@@ -82,6 +82,7 @@ pub(crate) struct Metrics {
     connections_ended: Family<Label, Counter>,
     pub(crate) workers_busy: Gauge,
     pub(crate) workers: Gauge,
+    pub(crate) tasks: Gauge,
     pub(crate) worker_panics: Counter,
     pub(crate) workers_replaced: Counter,
     pub(crate) batches: Gauge,
@@ -196,6 +197,7 @@ impl Metrics {
             ),
             workers_busy: book.plain("workers_busy", "Workers that are at a frame now", Gauge::default()),
             workers: book.plain("workers", "Workers that take frames", Gauge::default()),
+            tasks: book.plain("tasks", "Tasks of the server's transports that are not over, Zenoh's own aside", Gauge::default()),
             worker_panics: book.plain("worker_panics", "Frames that failed because a worker panicked", Counter::default()),
             workers_replaced: book.plain(
                 "workers_replaced",
@@ -334,6 +336,17 @@ impl Metrics {
     /// A batch ended.
     pub(crate) fn batch_ended(&self, end: BatchEnd) {
         self.batches_ended.get_or_create(&end.label()).inc();
+    }
+
+    /// Frames that got a result since the start, and frames that were admitted and got none.
+    pub(crate) fn totals(&self) -> (u64, u64) {
+        let answered = CLASSES.into_iter().map(|class| {
+            let labels = [("class", class), ("outcome", "OK")];
+            self.requests.get_or_create(&labels).get()
+        });
+        let reasons = OUTCOMES[1..].iter();
+        let dropped = reasons.map(|reason| self.dropped.get_or_create(&[("reason", *reason)]).get());
+        (answered.sum(), dropped.sum())
     }
 
     /// The OpenMetrics text.

@@ -2,6 +2,7 @@
 //! encoded bodies, asking after every step whether to go on. The only place where pixels and deadlines meet.
 
 mod climb;
+mod fault;
 mod half;
 mod helpers;
 mod prime;
@@ -23,6 +24,7 @@ pub(crate) use self::helpers::Helpers;
 #[cfg(test)]
 pub(crate) use self::prime::dummy_request;
 use self::worker::{Ended, Run, Worker};
+use crate::config::Fault;
 use crate::dispatch::{Dispatch, Seat, Task};
 use crate::metrics::Metrics;
 use crate::status::ServiceError;
@@ -85,8 +87,9 @@ impl Pool {
         level: Level,
         patience: Patience,
         shared: &Arc<Shared>,
+        fault: Option<Fault>,
     ) -> std::io::Result<Self> {
-        Self::start_with(count, level, patience, shared, Arc::new(Worker::process))
+        Self::start_with(count, level, patience, shared, fault::process(fault))
     }
 
     fn start_with(

@@ -75,7 +75,7 @@ impl Service {
             stuck_after: workers.stuck_after,
             replacements: workers.replacements,
         };
-        let pool = Pool::start(workers.count, level, patience, &shared).map_err(no_threads)?;
+        let pool = Pool::start(workers.count, level, patience, &shared, workers.fault).map_err(no_threads)?;
         Ok(Self {
             shared,
             clients,

@@ -57,6 +57,12 @@ pub enum ConfigError {
         /// The value given.
         got: String,
     },
+    /// No such fault.
+    #[error("a fault must be panic@N or stuck@N with N the number of a frame from 1, got `{got}`")]
+    NoSuchFault {
+        /// The value given.
+        got: String,
+    },
     /// A client can't be as described.
     #[error("clients.{client} is not acceptable: {reason}")]
     Client {

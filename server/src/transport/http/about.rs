@@ -9,6 +9,7 @@ use axum::http::{HeaderValue, StatusCode};
 use axum::response::Response;
 use bytes::Bytes;
 use serde::Serialize;
+use tokio::runtime::Handle;
 use utoipa::ToSchema;
 
 use super::Http;
@@ -98,6 +99,9 @@ pub(super) async fn metrics(State(http): State<Arc<Http>>) -> Response {
     let (bodies, batches) = http.bodies.in_flight();
     metrics.bytes_in_flight.set(bodies);
     metrics.batch_bytes_in_flight.set(batches);
+    let tasks = Handle::current().metrics().num_alive_tasks();
+    // Lossless: no machine has room for more.
+    metrics.tasks.set(i64::try_from(tasks).unwrap_or(i64::MAX));
     typed(StatusCode::OK, OPEN_METRICS, http.service.metrics_text().into())
 }
 
