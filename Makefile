@@ -1,6 +1,6 @@
 # Short names for plain commands; nothing is done here that can't be typed.
 
-.PHONY: demo console test test-python test-console test-api test-readme check-docker check-supply sbom hostile fuzz asan lint lint-python fmt figures eval stages load load-zenoh
+.PHONY: demo console test test-python test-console test-api test-readme check-docker check-supply sbom hostile fuzz asan lint lint-python fmt figures eval stages load load-zenoh soak
 
 # A real pair through a real server; writes out/.
 demo: console
@@ -153,6 +153,13 @@ load-zenoh:
 	for suite in round-trips cameras takeovers; do \
 		target/release/load --suite $$suite --seconds $(SECONDS) --write README.md $(ARGS) || exit 1; \
 	done
+
+# Mixed load for MINUTES; fails if memory, descriptors, threads or tasks grow, or deadlines are kept less and less. Writes the README's table
+# and picture, and tests/data/soak.csv.
+MINUTES = 30
+soak:
+	cargo test --release --workspace --no-run
+	target/release/load --suite soak --seconds $$(($(MINUTES) * 60)) --out out/soak --write README.md $(ARGS)
 
 target/venv/ready:
 	python3 -m venv target/venv

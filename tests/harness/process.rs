@@ -119,6 +119,12 @@ pub struct Launch<'a> {
     pub cores: Option<&'a str>,
     /// The network namespace it runs in, as `ip netns` names it: another host; `None` = this one.
     pub host: Option<&'a str>,
+    /// Words before the program which then become it, such as `prlimit --nofile=64` or `env NAME=value`.
+    pub via: &'a [&'a str],
+    /// The address to listen on; `None` = a free port of 127.0.0.1.
+    pub http: Option<&'a str>,
+    /// The file that its log goes to, from `info` on; `None` = errors alone, to where this process has its own.
+    pub log: Option<&'a Path>,
     /// Arguments of `stereod serve`, besides the address and the log level.
     pub args: &'a [&'a str],
 }
@@ -174,6 +180,9 @@ impl Stereod {
             program,
             cores,
             host,
+            via,
+            http,
+            log,
             args,
         } = *launch;
         let program = match program {
@@ -188,11 +197,17 @@ impl Stereod {
         if let Some(cores) = cores {
             words.extend(["taskset", "--cpu-list", cores].map(OsStr::new));
         }
+        words.extend(via.iter().map(OsStr::new));
         words.push(program.as_os_str());
         let mut command = Command::new(words[0]);
         command.args(&words[1..]);
+        let level = if log.is_some() { "info" } else { "error" };
+        if let Some(log) = log {
+            let file = std::fs::File::options().create(true).append(true).open(log);
+            command.stderr(file.with_context(|| format!("can't write {}", log.display()))?);
+        }
         let mut child = command
-            .args(["serve", "--http", "127.0.0.1:0", "--log", "error"])
+            .args(["serve", "--http", http.unwrap_or("127.0.0.1:0"), "--log", level])
             .args(args)
             .stdin(Stdio::null())
             .stdout(Stdio::piped())
@@ -251,11 +266,70 @@ impl Stereod {
     /// # Errors
     /// If the system doesn't say.
     pub fn memory_bytes(&self) -> Result<u64> {
+        let kib = self.status("VmRSS:")?;
+        Ok(1024 * kib.trim_end_matches("kB").trim().parse::<u64>()?)
+    }
+
+    /// Threads it has now.
+    ///
+    /// # Errors
+    /// If the system doesn't say.
+    pub fn threads(&self) -> Result<u64> {
+        Ok(self.status("Threads:")?.parse()?)
+    }
+
+    /// Descriptors it has open now: files, sockets and the like.
+    ///
+    /// # Errors
+    /// If the system doesn't say.
+    pub fn descriptors(&self) -> Result<u64> {
+        let path = format!("/proc/{}/fd", self.child.id());
+        let open = std::fs::read_dir(&path).with_context(|| format!("can't read {path}"))?;
+        Ok(open.count() as u64)
+    }
+
+    /// A line of what the system says about the process.
+    fn status(&self, name: &str) -> Result<String> {
         let path = format!("/proc/{}/status", self.child.id());
         let status = std::fs::read_to_string(&path).with_context(|| format!("can't read {path}"))?;
-        let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:"));
-        let kib = line.and_then(|line| line.trim().strip_suffix(" kB"));
-        Ok(1024 * kib.context("no VmRSS")?.trim().parse::<u64>()?)
+        let line = status.lines().find_map(|line| line.strip_prefix(name));
+        Ok(line
+            .with_context(|| format!("no {name} in {path}"))?
+            .trim()
+            .to_owned())
+    }
+
+    /// Memory that it could write to, whether or not it ever did (Linux's `VmData`), in bytes: what a limit of data memory counts.
+    ///
+    /// # Errors
+    /// If the system doesn't say.
+    pub fn data_bytes(&self) -> Result<u64> {
+        let kib = self.status("VmData:")?;
+        Ok(1024 * kib.trim_end_matches("kB").trim().parse::<u64>()?)
+    }
+
+    /// Processor time that it has used, in clock ticks of the system, of which there are 100 a second.
+    ///
+    /// # Errors
+    /// If the system doesn't say.
+    pub fn cpu_ticks(&self) -> Result<u64> {
+        let path = format!("/proc/{}/stat", self.child.id());
+        let line = std::fs::read_to_string(&path).with_context(|| format!("can't read {path}"))?;
+        // The name may have spaces; what follows it has none.
+        let rest = line.rsplit_once(')').context("no name of the program")?.1;
+        let ticks = |field: usize| -> Result<u64> {
+            let word = rest.split_whitespace().nth(field).context("too few fields")?;
+            Ok(word.parse()?)
+        };
+        Ok(ticks(11)? + ticks(12)?)
+    }
+
+    /// Waits until it has ended by itself, or by what was done to it.
+    ///
+    /// # Errors
+    /// If the system can't say.
+    pub fn ended(mut self) -> Result<ExitStatus> {
+        self.child.wait().context("can't wait for stereod")
     }
 
     /// Asks it to stop, as a service manager does (SIGTERM), and waits until it has.

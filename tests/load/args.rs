@@ -13,6 +13,9 @@ use crate::plan::{Load, Profile, Stretch};
 
 pub(crate) use values::{Arrivals, Burst, Codec, Part, Preset, Size, Suite};
 
+/// Two minutes to warm up, and one to look at.
+const LEAST_SOAK_SECONDS: f64 = 180.0;
+
 /// An open-loop load generator for stereod: how much can this server take within its budgets?
 ///
 /// Frames are sent when they are due, whether or not earlier ones were answered, and their latency counts from the moment
@@ -206,6 +209,13 @@ impl Args {
                 "a fleet's cameras are alike: use --weights with --arrivals poisson or gamma:CV"
             );
         }
+        if self.suite == Some(Suite::Soak) {
+            ensure!(
+                self.seconds >= LEAST_SOAK_SECONDS,
+                "--suite soak needs --seconds {LEAST_SOAK_SECONDS} at least, 1800 to say much; got {}",
+                self.seconds
+            );
+        }
         Ok(())
     }
 
@@ -274,6 +284,7 @@ mod tests {
             (&["--budgets", "10,60001"], "budget"),
             (&["--seconds", "inf"], "--seconds"),
             (&["--attain", "1"], "--attain"),
+            (&["--suite", "soak", "--seconds", "60"], "--seconds"),
             (
                 &["--cameras", "2", "--weights", "1", "--arrivals", "poisson"],
                 "--weights",

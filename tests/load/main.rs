@@ -20,6 +20,7 @@ mod pacer;
 mod plan;
 mod record;
 mod scenario;
+mod soak;
 mod statistics;
 mod suite;
 mod table;
@@ -59,6 +60,7 @@ fn main() -> Result<ExitCode> {
         Some(args::Suite::RoundTrips) => zenoh::round_trips(&args).map(|()| ExitCode::SUCCESS),
         Some(args::Suite::Cameras) => zenoh::cameras(&args).map(|()| ExitCode::SUCCESS),
         Some(args::Suite::Takeovers) => zenoh::takeovers(&args).map(|()| ExitCode::SUCCESS),
+        Some(args::Suite::Soak) => soak::run(&args),
         None => one(&args),
     }
 }

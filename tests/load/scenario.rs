@@ -132,8 +132,8 @@ impl Stage {
         let server = Stereod::launch(&Launch {
             program: self.program.as_deref(),
             cores: self.cores.network.as_deref(),
-            host: None,
             args: &args,
+            ..Launch::default()
         })?;
         wait_until_ready(server.url(), STARTED_WITHIN)?;
         if let Some(cores) = &self.cores.worker {

@@ -94,7 +94,7 @@ async fn get(url: &str, path: &str) -> Result<Value> {
 }
 
 /// Where the server's session can be reached.
-async fn endpoint(url: &str) -> Result<String> {
+pub(crate) async fn endpoint(url: &str) -> Result<String> {
     loop {
         if let Some(locator) = get(url, "/readyz").await?["zenoh"]["locators"][0].as_str() {
             return Ok(locator.to_owned());
@@ -104,7 +104,7 @@ async fn endpoint(url: &str) -> Result<String> {
 }
 
 /// A client of the server, with or without shared memory.
-async fn session(endpoint: &str, shared_memory: bool) -> Result<Session> {
+pub(crate) async fn session(endpoint: &str, shared_memory: bool) -> Result<Session> {
     let config = serde_json::json!({ "transport": {
         // As the Rust client has it.
         "link": { "tx": { "queue": { "size": { "data": 16 } } } },
@@ -114,7 +114,7 @@ async fn session(endpoint: &str, shared_memory: bool) -> Result<Session> {
 }
 
 /// Zenoh's errors are none that `anyhow` takes.
-fn zenoh_error(why: zenoh::Error) -> anyhow::Error {
+pub(crate) fn zenoh_error(why: zenoh::Error) -> anyhow::Error {
     anyhow!(why)
 }
 

@@ -30,6 +30,7 @@ LEFT_OUT = {
     "make eval": "takes minutes, and data that can't be had from a registry",
     "make stages": "measures for a minute; its options are tested with the evaluation",
     "make load": "takes a quarter of an hour",
+    "make soak": "takes half an hour",
     "make check-docker": "has a run of its own",
     "docker compose": "needs Docker",
     "helm install": "needs a cluster",

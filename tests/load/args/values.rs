@@ -19,6 +19,8 @@ pub(crate) enum Suite {
     Cameras,
     /// How long a camera is without results when a server or a Zenoh router fails.
     Takeovers,
+    /// Mixed load over HTTP and Zenoh for `--seconds`: fails if anything grows or gets worse.
+    Soak,
 }
 
 /// A part of the suite.
