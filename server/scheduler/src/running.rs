@@ -38,6 +38,11 @@ impl StageCosts {
         self.full(1)
     }
 
+    /// From its start until it can be put aside.
+    pub(crate) fn until_base(&self) -> Cost {
+        self.decode + self.rung(0)
+    }
+
     /// Everything, with `rungs` rungs.
     pub(crate) fn full(&self, rungs: u8) -> Cost {
         let last = rungs.saturating_sub(1);
@@ -120,6 +125,23 @@ impl<K> Running<K> {
     /// Mesh and encoding of what there is.
     pub(crate) fn ending(&self) -> Cost {
         self.ending_after(self.reached())
+    }
+
+    /// All that is left of it while it is refined and `done` of the present rung is: every rung, mesh and encoding.
+    pub(crate) fn rest(&self, done: Duration) -> Duration {
+        let rungs = (self.rungs_done..self.work.rungs).map(|index| self.costs.rung(index).charge());
+        let ending = self.ending_after(self.work.rungs.saturating_sub(1));
+        rungs.sum::<Duration>().saturating_sub(done) + ending.charge()
+    }
+
+    /// The same of a job that lies aside.
+    pub(crate) fn rest_aside(&self) -> Duration {
+        self.rest(self.carried)
+    }
+
+    /// What those after it wait for the ending of one that lies aside, in the average over `workers`.
+    pub(crate) fn share(&self, workers: u32) -> Duration {
+        self.ending().charge() / workers
     }
 
     /// How long the worker is bound at least, if no further step is started.

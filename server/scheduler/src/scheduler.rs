@@ -16,6 +16,7 @@ use crate::spec::{
 use crate::timeline::Timeline;
 
 mod admit;
+mod aside;
 mod background;
 mod feasible;
 mod places;
@@ -41,8 +42,8 @@ pub struct Scheduler<K, J> {
     running: Vec<Option<Running<K>>>,
     /// Background jobs that were put aside, by worker.
     parked: Vec<Option<Running<K>>>,
-    /// Jobs with a deadline that were put aside for more urgent ones, by worker.
-    preempted: Vec<Option<Running<K>>>,
+    /// Jobs with a deadline that were put aside for others, by worker.
+    preempted: Vec<Vec<Running<K>>>,
     costs: CostModel<K>,
     shares: Shares,
     ladder: Ladder,
@@ -105,7 +106,7 @@ impl<K: Kind, J> Scheduler<K, J> {
             background_now: Duration::ZERO,
             running: std::iter::repeat_with(|| None).take(config.workers).collect(),
             parked: std::iter::repeat_with(|| None).take(config.workers).collect(),
-            preempted: std::iter::repeat_with(|| None).take(config.workers).collect(),
+            preempted: std::iter::repeat_with(Vec::new).take(config.workers).collect(),
             costs: CostModel::new(config.max_costs),
             #[expect(clippy::cast_precision_loss, reason = "nobody has 2^52 workers")]
             shares: Shares::new(config.max_clients, config.workers as f64),
@@ -202,13 +203,17 @@ impl<K: Kind, J> Scheduler<K, J> {
 
     /// Jobs that were started: at work or aside.
     fn begun(&mut self) -> impl Iterator<Item = &mut Running<K>> {
-        let aside = self.parked.iter_mut().chain(&mut self.preempted);
-        self.running.iter_mut().chain(aside).flatten()
+        let aside = self.preempted.iter_mut().flatten();
+        self.running
+            .iter_mut()
+            .chain(&mut self.parked)
+            .flatten()
+            .chain(aside)
     }
 
     /// How many jobs with a deadline have not been started.
     fn waiting(&self) -> usize {
-        self.timeline.len() - self.preempted.iter().flatten().count()
+        self.timeline.len() - self.preempted.iter().map(Vec::len).sum::<usize>()
     }
 
     /// Moves jobs that can't be in time any more out of the queue.

@@ -159,6 +159,10 @@ pub struct Config {
     pub max_clients: usize,
     /// Kinds of stages whose costs are remembered; the one not seen for longest is forgotten first.
     pub max_costs: usize,
+    /// Jobs with a deadline that may lie aside at one worker, unfinished, while others are begun; each keeps its buffers.
+    pub max_aside: usize,
+    /// Units of work of these together; one may lie aside however large it is.
+    pub max_aside_units: u64,
 }
 
 impl Default for Config {
@@ -170,6 +174,8 @@ impl Default for Config {
             background_capacity: 64,
             max_clients: 4096,
             max_costs: 1024,
+            max_aside: 8,
+            max_aside_units: 4_000_000,
         }
     }
 }

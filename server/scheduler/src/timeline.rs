@@ -45,11 +45,16 @@ pub(crate) struct Load {
     pub(crate) share: i64,
     /// The last moment at which it makes sense to start it.
     pub(crate) last_start: i64,
+    /// It has begun and needs its ending, which asks for no headroom.
+    pub(crate) is_begun: bool,
 }
 
 impl Load {
     fn room(&self) -> [i64; HEADROOMS] {
-        std::array::from_fn(|h| at_headroom(self.due, h) - self.tail)
+        std::array::from_fn(|h| match h {
+            1.. if self.is_begun => PLENTY,
+            _ => at_headroom(self.due, h) - self.tail,
+        })
     }
 }
 

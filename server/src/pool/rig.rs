@@ -20,6 +20,7 @@ pub(super) struct Rig {
     map: Option<DisparityMap>,
     pub(super) mesh: Mesh,
     is_half: bool,
+    largest_px: usize,
 }
 
 impl Rig {
@@ -35,6 +36,7 @@ impl Rig {
         // Sizes have been compared when the request came in, but a file may hold something else than its header says.
         StereoPair::new(left, right).map_err(unmatchable)?;
         let shape = Shape::new(left.width_px(), left.height_px()).map_err(unmatchable)?;
+        self.largest_px = self.largest_px.max(shape.area_px());
         self.is_half = is_half;
         let params = &request.options.params;
         if is_half {
@@ -55,6 +57,11 @@ impl Rig {
             None => self.map = Some(DisparityMap::new(shape)),
         }
         Ok(())
+    }
+
+    /// Pixels of the largest frame it has seen.
+    pub(super) fn largest_px(&self) -> usize {
+        self.largest_px
     }
 
     /// The first rung, or one more step after it.

@@ -21,11 +21,15 @@ pub(crate) struct Worker {
     level: Level,
     shared: Arc<Shared>,
     rig: Rig,
-    /// Frames that make room for more urgent ones, and their rigs: one of the background class at most, and one with a deadline.
+    /// Frames that make room for others, and their rigs: one of the background class at most, and of those with a deadline as many as
+    /// the scheduler allows.
     aside: Vec<(Run, Rig)>,
     /// Rigs for the other frames meanwhile, kept for the next time.
     spare: Vec<Rig>,
 }
+
+/// Pixels that the spare rigs of a worker are made for, all together; one is kept however large it is.
+const SPARE_PX: usize = 4_000_000;
 
 /// A frame that a worker has taken.
 pub(crate) struct Run {
@@ -105,7 +109,27 @@ impl Worker {
     /// Puts the rig aside, and one of those in its place that frames with a deadline have while another lies aside.
     pub(super) fn swap_rigs(&mut self) {
         let spare = self.spare.pop().unwrap_or_default();
-        self.spare.push(std::mem::replace(&mut self.rig, spare));
+        let rig = std::mem::replace(&mut self.rig, spare);
+        self.keep(rig);
+    }
+
+    /// Keeps a rig for the next time, if it isn't too much.
+    fn keep(&mut self, rig: Rig) {
+        let kept: usize = self.spare.iter().map(Rig::largest_px).sum();
+        if self.spare.is_empty() || kept + rig.largest_px() <= SPARE_PX {
+            self.spare.push(rig);
+        }
+    }
+
+    /// Makes the images of a frame gray, with the rig that is in place, unless that holds far more memory than the frame needs and
+    /// might be laid aside with it.
+    fn load(&mut self, run: &Run) -> Result<(), ServiceError> {
+        let request = &run.job.request;
+        let area_px = work(request, false).units as usize;
+        if !self.aside.is_empty() && self.rig.largest_px() > (2 * area_px).max(SPARE_PX / 4) {
+            self.rig = Rig::default();
+        }
+        self.rig.load(self.level, request, run.plan.is_half)
     }
 
     /// Forgets everything a panic may have left in disorder.
@@ -124,7 +148,8 @@ impl Worker {
     pub(crate) fn pick_up(&mut self, ticket: Ticket, verdict: Verdict) -> Option<Run> {
         let place = self.aside.iter().position(|(run, _)| run.ticket == ticket)?;
         let (mut run, rig) = self.aside.swap_remove(place);
-        self.spare.push(std::mem::replace(&mut self.rig, rig));
+        let spare = std::mem::replace(&mut self.rig, rig);
+        self.keep(spare);
         run.verdict = verdict;
         if let Some(since) = run.aside_since.take() {
             run.aside_for += since.elapsed();
@@ -139,7 +164,7 @@ impl Worker {
         let decoded_at = match run.decoded_at {
             Some(decoded_at) => decoded_at,
             None => {
-                self.rig.load(self.level, request, run.plan.is_half)?;
+                self.load(run)?;
                 guide.decoded()?;
                 *run.decoded_at.insert(Instant::now())
             }

@@ -37,9 +37,10 @@ impl Tightest {
         self.present = self.present.min(laxity);
     }
 
-    pub(super) fn get(&mut self, now: Duration) -> Duration {
-        self.turn(now);
-        self.present.min(self.before)
+    pub(super) fn get(&self, now: Duration) -> Duration {
+        let mut at = *self;
+        at.turn(now);
+        at.present.min(at.before)
     }
 
     fn turn(&mut self, now: Duration) {

@@ -43,6 +43,7 @@ impl<K: Kind, J> Scheduler<K, J> {
             }),
             share: nanos(mandatory.charge() / self.workers()),
             last_start: nanos(due) - nanos(mandatory.typical),
+            is_begun: false,
         }
     }
 

@@ -5,13 +5,12 @@ use std::time::Duration;
 use super::{Item, Kind, Policy, Running, Scheduler, Stage, Ticket, Urgency, Variant, Waiting};
 use crate::answer::{Dispatch, DropReason, Dropped, Finished, Next, Plan, StopReason, Verdict};
 use crate::ladder::Level;
-use crate::nanos::{duration, nanos};
 use crate::running::Phase;
-use crate::timeline::{Load, NEVER};
 
 impl<K: Kind, J> Scheduler<K, J> {
-    /// What `worker`, which is idle, does next: the job that is due first, or a background job if nobody else waits. Jobs that
-    /// can't be in time any more are passed over; [`expire`](Self::expire) hands them out.
+    /// What `worker`, which is idle, does next: the job that is due first, one that has not been begun before those that have if that
+    /// costs no rungs, or a background job if nobody else waits. Jobs that can't be in time any more are passed over;
+    /// [`expire`](Self::expire) hands them out.
     pub fn next(&mut self, now: Duration, worker: usize) -> Option<Next<J>> {
         self.see(now);
         self.sweep(now);
@@ -20,15 +19,21 @@ impl<K: Kind, J> Scheduler<K, J> {
         }
         self.running[worker] = None;
         let mut next = self.timeline.first();
-        while let Some(ticket) = next {
-            if let Some(&Item::Aside(at)) = self.timeline.get(ticket) {
-                if at == worker {
-                    self.timeline.remove(ticket);
-                    let preempted = self.preempted[worker].take()?;
-                    return Some(self.resume(now, worker, preempted));
+        let has_place = self.has_place_aside(worker, None, 0);
+        while let Some(mut ticket) = next {
+            match self.timeline.get(ticket) {
+                Some(&Item::Aside(at)) if at == worker => {
+                    let may_more = self.has_place_aside(worker, None, 1);
+                    match self.goes_first(now, worker).filter(|_| may_more) {
+                        Some(first) => ticket = first,
+                        None => return self.take_up(now, worker, ticket),
+                    }
                 }
-                next = self.timeline.after(ticket);
-                continue;
+                Some(Item::Waiting(_)) if has_place => {}
+                _ => {
+                    next = self.timeline.after(ticket);
+                    continue;
+                }
             }
             let waiting = self.take(ticket, false)?;
             if self.can_start(now, &waiting) {
@@ -50,7 +55,7 @@ impl<K: Kind, J> Scheduler<K, J> {
     }
 
     /// Gives `worker` a job back that lay aside.
-    fn resume(&mut self, now: Duration, worker: usize, mut job: Running<K>) -> Next<J> {
+    pub(super) fn resume(&mut self, now: Duration, worker: usize, mut job: Running<K>) -> Next<J> {
         let ticket = job.ticket;
         let is_boundary = job.carried.is_zero();
         job.stage_started = now;
@@ -164,14 +169,14 @@ impl<K: Kind, J> Scheduler<K, J> {
         self.failed(now, worker);
         if worker < self.running.len() {
             self.parked[worker] = None;
-            if let Some(preempted) = self.preempted[worker].take() {
-                self.timeline.remove(preempted.ticket);
+            for aside in std::mem::take(&mut self.preempted[worker]) {
+                self.timeline.remove(aside.ticket);
             }
         }
     }
 
     /// Whether it makes sense to start a job: at its cheapest it will be in time as often as not, by what is known now.
-    fn can_start(&self, now: Duration, waiting: &Waiting<K, J>) -> bool {
+    pub(super) fn can_start(&self, now: Duration, waiting: &Waiting<K, J>) -> bool {
         let Urgency::Deadline { at, .. } = waiting.spec.urgency else {
             return true;
         };
@@ -309,41 +314,6 @@ impl<K: Kind, J> Scheduler<K, J> {
         Verdict::Continue
     }
 
-    /// Whether a job that is due at `due`, with `rest` left of its rung, is put aside: one that is due earlier would lose rungs to it, and
-    /// there will still be time for this one behind everybody who is due earlier.
-    fn makes_way(&self, now: Duration, worker: usize, due: Duration, rest: Duration) -> bool {
-        let Some(running) = self.running[worker].as_ref() else {
-            return false;
-        };
-        let first = self.timeline.first().filter(|&first| first < running.ticket);
-        let first = first.and_then(|first| Some((first.order, self.timeline.get(first)?)));
-        let (Some((first_due, Item::Waiting(first))), None) = (first, &self.preempted[worker]) else {
-            return false;
-        };
-        let ending = running.ending_after(running.rungs_done);
-        let wanted = first.variant.costs.full(first.spec.work.rungs).charge();
-        let is_pressed = now + rest + ending.charge() + wanted > first_due;
-        let before = duration(self.timeline.probe(running.ticket).before);
-        is_pressed && now + before + rest + ending.tail <= due
-    }
-
-    fn put_aside(&mut self, now: Duration, worker: usize, due: Duration) -> Verdict {
-        let Some(mut running) = self.running[worker].take() else {
-            return Verdict::Abandon;
-        };
-        running.carried = running.stage_took(now);
-        let ending = running.ending();
-        let load = Load {
-            due: nanos(due),
-            tail: nanos(ending.tail),
-            share: nanos(ending.charge() / self.workers()),
-            last_start: NEVER,
-        };
-        self.timeline.insert(running.ticket, load, Item::Aside(worker));
-        self.preempted[worker] = Some(running);
-        Verdict::Yield
-    }
-
     fn yield_or_continue(&mut self, now: Duration, worker: usize) -> Verdict {
         if self.waiting() == 0 {
             return Verdict::Continue;
@@ -384,7 +354,7 @@ impl<K: Kind, J> Scheduler<K, J> {
     }
 
     /// The headroom that leaves those who will come as much of the workers as those who came lately wanted for the mandatory part.
-    fn headroom_for_rungs(&self, now: Duration) -> usize {
+    pub(super) fn headroom_for_rungs(&self, now: Duration) -> usize {
         match self.ladder.load(now, Level::FewerRungs) {
             load if load < 0.36 => 1,
             load if load < 0.6 => 2,

@@ -195,6 +195,66 @@ fn on_an_uneven_machine_frames_are_in_time_and_predictions_close() {
     }
 }
 
+/// Cameras whose frames all have the same budget, nearly as many as the worker can serve in full. A frame that comes is begun before
+/// the others are refined any further; where only one may lie aside, it waits for those that came before it.
+#[test]
+fn frames_of_cameras_are_begun_soon_whatever_their_budget_and_lose_no_rungs_by_it() {
+    for budget_ms in [20, 33, 100] {
+        let [(others, longer), (ours, wait)] = [1, Config::default().max_aside].map(|max_aside| {
+            let config = Config {
+                max_aside,
+                ..Config::default()
+            };
+            let (tally, mut waits) = cameras(config, Duration::from_millis(budget_ms));
+            waits.sort_unstable();
+            let p99 = waits[waits.len() * 99 / 100];
+            show(
+                &format!("cameras, {budget_ms} ms, {max_aside} aside"),
+                0.9,
+                &tally,
+            );
+            println!(
+                "until a worker has it: p50 {:?}, p99 {p99:?}",
+                waits[waits.len() / 2]
+            );
+            (tally, p99)
+        });
+        assert!(ours.attained() >= 0.995, "{budget_ms} ms: {}", ours.attained());
+        assert!(
+            ours.mean_rungs() >= 0.99 * others.mean_rungs(),
+            "{budget_ms} ms: {} of {}",
+            ours.mean_rungs(),
+            others.mean_rungs()
+        );
+        assert!(
+            wait <= longer.mul_f64(0.75) && wait <= Duration::from_millis(12),
+            "{budget_ms} ms: {wait:?}, not {longer:?}"
+        );
+    }
+}
+
+/// What becomes of the frames, and how long each waits for a worker.
+fn cameras(config: Config, budget: Duration) -> (Tally, Vec<Duration>) {
+    let (mut tally, mut waits) = (Tally::default(), Vec::new());
+    for seed in 0..SEEDS {
+        let mut dice = Dice::new(seed);
+        let moments = Arrivals::Fleet.moments(&mut dice, 0.9 * MEASURED.capacity(), 0.0, SECONDS);
+        let mut requests = requests(&mut dice, &MEASURED, &moments, 0..8);
+        for request in &mut requests {
+            request.deadline = Some(request.at + budget);
+        }
+        let costs = MEASURED;
+        let outcomes = World { config, costs }.run(&mut dice, &requests);
+        tally.count(&requests, &outcomes, 0.0, SECONDS);
+        let begun = requests.iter().zip(&outcomes);
+        waits.extend(begun.filter_map(|(request, outcome)| match outcome {
+            Outcome::Served { begun, .. } => Some(*begun - request.at),
+            _ => None,
+        }));
+    }
+    (tally, waits)
+}
+
 /// Where frames come in bursts, some can't be in time whatever is done.
 #[test]
 fn of_bursts_nearly_as_much_is_in_budget_as_anyone_could_get_there() {

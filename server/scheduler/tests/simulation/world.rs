@@ -16,6 +16,8 @@ use super::traffic::{Costs, PACE_LASTS_MS, Request};
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Outcome {
     Served {
+        /// When a worker took it.
+        begun: Duration,
         at: Duration,
         rungs: u8,
         predicted: Duration,
@@ -44,6 +46,7 @@ enum Doing {
 struct AtWork {
     ticket: Ticket,
     request: usize,
+    begun: Duration,
     rungs: u8,
     scale: f64,
     rungs_done: u8,
@@ -239,6 +242,7 @@ impl Run<'_> {
                     self.workers[worker] = Some(AtWork {
                         ticket: dispatch.ticket,
                         request: dispatch.job,
+                        begun: now,
                         rungs: dispatch.plan.rungs,
                         scale,
                         rungs_done: 0,
@@ -319,6 +323,7 @@ impl Run<'_> {
                 self.end(
                     at_work.request,
                     Outcome::Served {
+                        begun: at_work.begun,
                         at: now + reply + Duration::from_secs_f64(self.world.costs.way / 1e3),
                         rungs: at_work.rungs_done,
                         predicted: finished.predicted,
@@ -336,7 +341,8 @@ impl Run<'_> {
             Verdict::Yield => {
                 let at_work = self.workers[worker].take().expect("it works");
                 self.aside[worker].push(at_work);
-                assert!(self.aside[worker].len() <= 2, "one of each class");
+                // One is about to change places, and one is of the background class.
+                assert!(self.aside[worker].len() <= self.world.config.max_aside + 2);
             }
             Verdict::Finish { because, .. } => {
                 assert!(because != StopReason::Complete || at_work.rungs_done == at_work.rungs);
