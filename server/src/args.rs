@@ -51,6 +51,18 @@ pub struct ServeArgs {
     /// Address and port to listen on [default: 127.0.0.1:8080]; port 0 lets the system choose one.
     #[arg(long, env = "STEREOD_HTTP", value_name = "ADDR:PORT", value_parser = socket_address)]
     pub http: Option<SocketAddr>,
+    /// A second address, for `/metrics` and health, without TLS and tokens [default: none, `/metrics` is at --http].
+    #[arg(long, env = "STEREOD_ADMIN", value_name = "ADDR:PORT", value_parser = socket_address)]
+    pub admin: Option<SocketAddr>,
+    /// The server's certificate chain, a PEM file: serve HTTPS instead of HTTP.
+    #[arg(long, env = "STEREOD_TLS_CERT", value_name = "FILE")]
+    pub tls_cert: Option<PathBuf>,
+    /// The certificate's private key, a PEM file.
+    #[arg(long, env = "STEREOD_TLS_KEY", value_name = "FILE")]
+    pub tls_key: Option<PathBuf>,
+    /// Authorities of clients' certificates, a PEM file: requests need such a certificate or a token.
+    #[arg(long, env = "STEREOD_TLS_CLIENT_CA", value_name = "FILE")]
+    pub tls_client_ca: Option<PathBuf>,
     /// Threads that compute [default: cores - 1, at least 1].
     #[arg(long, env = "STEREOD_WORKERS", value_name = "N")]
     pub workers: Option<u32>,
@@ -217,6 +229,15 @@ impl ServeArgs {
             }
         };
         give(&mut config.http.listen, self.http);
+        give(&mut config.http.admin, self.admin.map(Some));
+        let tls = &mut config.http.tls;
+        for (setting, flag) in [
+            (&mut tls.cert, self.tls_cert),
+            (&mut tls.key, self.tls_key),
+            (&mut tls.client_ca, self.tls_client_ca),
+        ] {
+            give(setting, flag.map(Some));
+        }
         give(&mut config.http.connections, self.max_connections);
         give(
             &mut config.http.header_timeout,

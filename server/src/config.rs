@@ -6,6 +6,7 @@ mod clients;
 mod error;
 mod fault;
 mod policy;
+mod tls;
 mod zenoh;
 
 use std::collections::BTreeMap;
@@ -20,6 +21,7 @@ pub use self::clients::ClientConfig;
 pub use self::error::ConfigError;
 pub use self::fault::Fault;
 pub use self::policy::PolicyName;
+pub use self::tls::TlsConfig;
 pub use self::zenoh::{ZenohConfig, zenoh_file};
 
 /// Everything the server can be told.
@@ -46,6 +48,11 @@ pub struct Config {
 pub struct HttpConfig {
     /// Address and port to listen on; port 0 lets the system choose one.
     pub listen: SocketAddr,
+    /// A second address, for whoever runs the server: `/metrics` is there then and no longer at the first, without TLS and without asking who
+    /// it is.
+    pub admin: Option<SocketAddr>,
+    /// Whose certificate is shown, and whose are taken.
+    pub tls: TlsConfig,
     /// Connections open at one time, 1 to 65536; more wait to be accepted.
     pub connections: u32,
     /// Time to send a request's head, and for a connection to rest between two requests, 10 to 600000 ms.
@@ -113,6 +120,8 @@ impl Default for HttpConfig {
     fn default() -> Self {
         Self {
             listen: SocketAddr::from((Ipv4Addr::LOCALHOST, 8080)),
+            admin: None,
+            tls: TlsConfig::default(),
             connections: 1024,
             header_timeout: Duration::from_secs(10),
             body_timeout: Duration::from_secs(30),
@@ -186,6 +195,7 @@ impl Config {
                 got: instance.clone(),
             });
         }
+        http.tls.validate()?;
         in_range("http.connections", http.connections.into(), 1..=65_536)?;
         in_range(
             "http.header_timeout_ms",

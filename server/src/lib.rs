@@ -37,11 +37,14 @@ use std::sync::Arc;
 use axum::Router;
 use thiserror::Error;
 
-use crate::config::{Config, ConfigError};
+use crate::config::{Config, ConfigError, HttpConfig};
 use crate::service::Service;
 use crate::streams::Streams;
-use crate::transport::http::{Listener, Listening, router};
+use crate::transport::http::{Listener, Listening, Tls, routers};
 use crate::transport::zenoh::{Prepared, Zenoh};
+
+/// Connections to the address for whoever runs the server: some that scrape, some that look.
+const ADMIN_CONNECTIONS: u32 = 64;
 
 /// Why the server can't start.
 #[derive(Debug, Error)]
@@ -87,8 +90,13 @@ pub struct Server;
 pub struct Running {
     /// Where it listens, with the port that the system chose if 0 was asked for.
     pub http_addr: SocketAddr,
+    /// The same of the second address, where there is one.
+    pub admin_addr: Option<SocketAddr>,
+    /// Whether connections to the first one are encrypted.
+    pub is_encrypted: bool,
     service: Arc<Service>,
     listening: Listening,
+    admin: Option<Listening>,
     zenoh: Option<Zenoh>,
 }
 
@@ -103,7 +111,7 @@ impl Server {
         let simd = config.workers.level()?.name();
         let service = Arc::new(Service::start(config)?);
         let streams = Arc::new(Streams::new(service.metrics()));
-        Ok(router(config, simd, service, streams))
+        Ok(routers(config, simd, service, streams).public)
     }
 
     /// Validates `config`, binds the sockets, starts the workers and answers. Needs a multi-threaded tokio runtime.
@@ -114,35 +122,58 @@ impl Server {
         config.validate()?;
         let zenoh = Prepared::new(&config)?;
         let simd = config.workers.level()?.name();
-        let listener = Listener::bind(&config.http)
-            .await
-            .map_err(|source| StartError::Listen {
-                addr: config.http.listen,
-                source,
-            })?;
+        let tls = Tls::load(&config.http.tls)?;
+        let listener = bind(config.http.listen).await?;
+        let admin = match config.http.admin {
+            Some(addr) => Some(bind(addr).await?),
+            None => None,
+        };
         warn_of_open_doors(&config);
         let service = Arc::new(Service::start(&config)?);
         let streams = Arc::new(Streams::new(service.metrics()));
-        let router = router(&config, simd, Arc::clone(&service), Arc::clone(&streams));
-        let listening = listener.serve(&config.http, router, &service);
+        let routers = routers(&config, simd, Arc::clone(&service), Arc::clone(&streams));
+        let listening = listener.serve(&config.http, tls, routers.public, &service);
+        let own = HttpConfig {
+            connections: ADMIN_CONNECTIONS,
+            ..config.http.clone()
+        };
+        let admin = admin.zip(routers.admin);
+        let admin = admin.map(|(listener, router)| listener.serve(&own, None, router, &service));
         let zenoh = zenoh.map(|zenoh| zenoh.start(Arc::clone(&service), streams));
         Ok(Running {
             http_addr: listening.addr,
+            admin_addr: admin.as_ref().map(|admin| admin.addr),
+            is_encrypted: config.http.tls.is_on(),
             service,
             listening,
+            admin,
             zenoh,
         })
     }
 }
 
+async fn bind(addr: SocketAddr) -> Result<Listener, StartError> {
+    let bound = Listener::bind(addr).await;
+    bound.map_err(|source| StartError::Listen { addr, source })
+}
+
 /// Says loudly what is open to more than this machine.
 fn warn_of_open_doors(config: &Config) {
+    let is_open = |addr: SocketAddr| !addr.ip().to_canonical().is_loopback();
     let addr = config.http.listen;
-    if !addr.ip().to_canonical().is_loopback() && !config.has_doors() {
+    if is_open(addr) && !config.has_doors() {
         tracing::warn!(
             %addr,
             "anybody who reaches this address can use the server: give its clients tokens (stereod token NAME), or listen on 127.0.0.1"
         );
+    } else if is_open(addr) && !config.http.tls.is_on() {
+        tracing::warn!(
+            %addr,
+            "tokens and images go over this address in the clear: give it a certificate (--tls-cert, --tls-key), or put what has one before it"
+        );
+    }
+    if let Some(addr) = config.http.admin.filter(|&addr| is_open(addr)) {
+        tracing::warn!(%addr, "anybody who reaches this address can read the server's metrics: see to it that only those do who may");
     }
 }
 
@@ -163,6 +194,9 @@ impl Running {
             zenoh.close().await;
         }
         self.listening.close().await;
+        if let Some(admin) = self.admin {
+            admin.close().await;
+        }
         let (answered, dropped) = self.service.metrics().totals();
         tracing::info!(
             answered,

@@ -81,7 +81,15 @@ async fn serve(config: Config) -> Result<(), ExitCode> {
         _ => fail(SYSTEM)(error),
     })?;
     // For people, and for programs that asked for port 0; a closed stdout is no reason not to serve.
-    let line = format!("stereod listening on http://{}\n", server.http_addr);
+    let admin = server
+        .admin_addr
+        .map(|addr| format!("stereod admin on http://{addr}\n"));
+    let scheme = if server.is_encrypted { "https" } else { "http" };
+    let line = format!(
+        "{}stereod listening on {scheme}://{}\n",
+        admin.unwrap_or_default(),
+        server.http_addr
+    );
     let _ = stdout()
         .write_all(line.as_bytes())
         .and_then(|()| stdout().flush());

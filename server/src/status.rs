@@ -19,7 +19,7 @@ pub enum ServiceError {
     /// Malformed, out of range, contradictory or not built yet.
     #[error("{0}")]
     Invalid(String),
-    /// No token, or one that nobody has.
+    /// No token and no certificate, or one that is nobody's.
     #[error("{}", unauthenticated(*.is_wrong))]
     Unauthenticated {
         /// Whether there was one.
@@ -369,9 +369,11 @@ pub(crate) fn title(code: u16) -> &'static str {
 /// What to do to be let in.
 fn unauthenticated(is_wrong: bool) -> &'static str {
     match is_wrong {
-        true => "nobody has this token here: correct it, or have a new one made (stereod token NAME)",
+        true => {
+            "nobody has this token or this certificate's name here: correct it, or have a new token made (stereod token NAME)"
+        }
         false => {
-            "this server wants to know who asks: send `Authorization: Bearer TOKEN`, as stereod token NAME makes one"
+            "this server wants to know who asks: send `Authorization: Bearer TOKEN`, as stereod token NAME makes one, or show a client's certificate"
         }
     }
 }

@@ -157,6 +157,7 @@ pub struct Stereod {
     // Kept open: the server may print more.
     _stdout: BufReader<ChildStdout>,
     url: String,
+    admin_url: Option<String>,
 }
 
 impl Stereod {
@@ -215,6 +216,7 @@ impl Stereod {
             .with_context(|| format!("can't start {}", program.display()))?;
         let mut stdout = BufReader::new(child.stdout.take().context("its output is piped")?);
         let mut line = String::new();
+        let mut admin_url = None;
         loop {
             line.clear();
             if stdout.read_line(&mut line)? == 0 {
@@ -224,11 +226,15 @@ impl Stereod {
                     child.wait()?
                 );
             }
+            if let Some((_, url)) = line.split_once("admin on ") {
+                admin_url = Some(url.trim().to_owned());
+            }
             if let Some((_, url)) = line.split_once("listening on ") {
                 return Ok(Self {
                     child,
                     _stdout: stdout,
                     url: url.trim().to_owned(),
+                    admin_url,
                 });
             }
         }
@@ -246,10 +252,16 @@ impl Stereod {
         Ok(())
     }
 
-    /// Where it listens: `http://127.0.0.1:PORT`.
+    /// Where it listens: `http://127.0.0.1:PORT`, or `https` with a certificate.
     #[must_use]
     pub fn url(&self) -> &str {
         &self.url
+    }
+
+    /// The same of its second address, if it was given one (`--admin`).
+    #[must_use]
+    pub fn admin_url(&self) -> Option<&str> {
+        self.admin_url.as_deref()
     }
 
     /// The most memory it has ever had in use at one time, in bytes (Linux's `VmHWM`); `None` where the system doesn't say.

@@ -13,7 +13,7 @@ use stereo_tests::process::{Stereod, binary, run};
 use crate::conversation::{PROTOBUF, Reply, message};
 
 /// Everything that works on frames, shows streams or tells about the server.
-const GUARDED: [(&str, &str); 8] = [
+pub(crate) const GUARDED: [(&str, &str); 8] = [
     ("POST", "/v1/stereo"),
     ("POST", "/v1/stereo/batch"),
     ("GET", "/v1/streams"),
@@ -251,14 +251,14 @@ async fn a_client_over_its_bytes_leaves_the_others_theirs() {
 }
 
 /// A server with its own say over where it listens and what it logs.
-struct Logging {
+pub(crate) struct Logging {
     child: Child,
-    url: String,
+    pub(crate) url: String,
     log: PathBuf,
 }
 
 impl Logging {
-    fn start(test: &str, args: &[&str]) -> Self {
+    pub(crate) fn start(test: &str, args: &[&str]) -> Self {
         let log = std::env::temp_dir().join(format!("stereod-{test}-{}.log", std::process::id()));
         let mut child = Command::new(binary().expect("the binary"))
             .args(["serve", "--workers", "1", "--no-zenoh"])
@@ -270,7 +270,15 @@ impl Logging {
             .expect("the binary");
         let mut line = String::new();
         let stdout = child.stdout.take().expect("it is piped");
-        BufReader::new(stdout).read_line(&mut line).expect("a line");
+        let mut stdout = BufReader::new(stdout);
+        while !line.contains("listening on ") {
+            line.clear();
+            assert_ne!(
+                stdout.read_line(&mut line).expect("a line"),
+                0,
+                "it ended before it listened"
+            );
+        }
         let url = line
             .split_once("listening on ")
             .expect("an address")
@@ -281,7 +289,7 @@ impl Logging {
     }
 
     /// Kills it; what it has logged until then.
-    fn log(&mut self) -> String {
+    pub(crate) fn log(&mut self) -> String {
         self.child.kill().expect("it runs");
         self.child.wait().expect("it has ended");
         std::fs::read_to_string(&self.log).expect("its log")

@@ -65,7 +65,7 @@ impl Config {
     /// Whether a request has to show a token or a certificate.
     #[must_use]
     pub fn has_doors(&self) -> bool {
-        self.clients.values().any(|client| client.token_sha256.is_some())
+        self.http.tls.client_ca.is_some() || self.clients.values().any(|client| client.token_sha256.is_some())
     }
 
     /// Checks the clients, each and together.
@@ -86,7 +86,7 @@ impl Config {
             client.validate(name).map_err(refuse)?;
             if self.has_doors() && !client.addresses.is_empty() {
                 return Err(refuse(
-                    "addresses make nobody known where requests have to show a token: leave them out"
+                    "addresses make nobody known where requests have to show a token or a certificate: leave them out"
                         .to_owned(),
                 ));
             }

@@ -71,6 +71,12 @@ pub enum ConfigError {
         /// What is wrong.
         reason: String,
     },
+    /// TLS can't be done so.
+    #[error("TLS can't be configured so: {reason}")]
+    Tls {
+        /// Which file, and why.
+        reason: String,
+    },
     /// Zenoh's own configuration can't be used.
     #[error("zenoh can't be configured so: {reason}")]
     Zenoh {

@@ -134,3 +134,32 @@ fn a_token_in_the_wrong_place_is_not_shown() {
         );
     }
 }
+
+#[test]
+fn tls_needs_a_certificate_and_its_key() {
+    let with = |text: &str| Config::from_toml(text, "x").unwrap();
+    for (text, missing) in [
+        ("http.tls.cert = \"a.pem\"", "http.tls.key"),
+        ("http.tls.key = \"a.pem\"", "http.tls.cert"),
+        ("http.tls.client_ca = \"a.pem\"", "http.tls.cert"),
+    ] {
+        let error = with(text).validate().unwrap_err();
+        assert!(matches!(error, ConfigError::Tls { .. }), "{text}");
+        assert!(error.to_string().contains(missing), "{text}: {error}");
+    }
+    let whole = with("http.tls = { cert = \"a.pem\", key = \"b.pem\" }");
+    assert_eq!(whole.validate(), Ok(()));
+    assert!(
+        !whole.has_doors(),
+        "a certificate of the server's own says nothing about clients"
+    );
+}
+
+#[test]
+fn authorities_of_clients_make_doors() {
+    let text = "http.tls = { cert = \"a.pem\", key = \"b.pem\", client_ca = \"c.pem\" }\n[clients.lab]\n";
+    assert!(Config::from_toml(text, "x").unwrap().has_doors());
+    let known_by_address = format!("{text}addresses = [\"192.0.2.7\"]\n");
+    let error = Config::from_toml(&known_by_address, "x").unwrap().validate();
+    assert!(error.is_err_and(|error| error.to_string().contains("certificate")));
+}

@@ -17,18 +17,21 @@ pub(crate) enum ConnectionEnd {
     Evicted,
     /// There was no place for it; it was told so.
     Refused,
+    /// No TLS came about: another protocol, a version that is too old, a certificate that is not acceptable.
+    Handshake,
     /// The server stopped.
     Stopping,
 }
 
 impl ConnectionEnd {
-    pub(super) const ALL: [Self; 7] = [
+    pub(super) const ALL: [Self; 8] = [
         Self::Closed,
         Self::Failed,
         Self::Silent,
         Self::SlowReader,
         Self::Evicted,
         Self::Refused,
+        Self::Handshake,
         Self::Stopping,
     ];
 
@@ -40,6 +43,7 @@ impl ConnectionEnd {
             Self::SlowReader => "slow_reader",
             Self::Evicted => "evicted",
             Self::Refused => "refused",
+            Self::Handshake => "handshake",
             Self::Stopping => "stopping",
         };
         [("why", name)]

@@ -1,4 +1,4 @@
-//! HTTP/1.1 and h2c: one route family a file, everything wrapped by the [`envelope`].
+//! HTTP/1.1 and HTTP/2, with TLS or without: one route family a file, everything wrapped by the [`envelope`].
 //!
 //! | route | what |
 //! | --- | --- |
@@ -9,6 +9,8 @@
 //! | `GET /openapi.json`, `/docs/` | this API's description, for programs and people ([`description`]) |
 //! | `GET /` and the files below | the web page ([`console`]) |
 //! | `GET /v1/info`, `/v1/schema.binpb`, `/livez`, `/readyz` | about the server ([`about`]) |
+//!
+//! `/metrics`, `/livez` and `/readyz` are on a listener of their own if there is one (`http.admin`), and `/metrics` nowhere else then.
 //!
 //! All but the last two, the page, the description and the schema are behind the [`door`].
 
@@ -35,7 +37,7 @@ use axum::middleware::from_fn_with_state;
 use axum::response::Response;
 use axum::routing::{MethodRouter, get, post};
 
-pub use self::connections::{Listener, Listening};
+pub use self::connections::{Listener, Listening, Tls};
 pub use self::form::parts_from_multipart;
 use tokio::sync::Semaphore;
 
@@ -58,8 +60,16 @@ struct Http {
     batch_places: Arc<Semaphore>,
 }
 
+/// What is answered where.
+pub struct Routers {
+    /// At the address for everybody.
+    pub public: Router,
+    /// At the one for whoever runs the server, if there is one.
+    pub admin: Option<Router>,
+}
+
 /// All routes in front of `service`. `simd` is the name of the instruction-set level in use.
-pub fn router(config: &Config, simd: &'static str, service: Arc<Service>, streams: Arc<Streams>) -> Router {
+pub fn routers(config: &Config, simd: &'static str, service: Arc<Service>, streams: Arc<Streams>) -> Routers {
     let http = Arc::new(Http {
         service,
         streams,
@@ -70,7 +80,8 @@ pub fn router(config: &Config, simd: &'static str, service: Arc<Service>, stream
         batch_places: Arc::new(Semaphore::new(BACKGROUND_CAPACITY / 2)),
     });
     let names = Arc::new(envelope::RequestNames::new(&config.instance));
-    let behind_the_door = Router::new()
+    let metrics = || only("GET, HEAD", get(about::metrics));
+    let mut behind_the_door = Router::new()
         .route("/v1/stereo", only("POST", post(frames::post)))
         .route("/v1/stereo/batch", only("POST", post(batch::post)))
         .route("/v1/streams", only("GET, HEAD", get(streams::all)))
@@ -83,16 +94,29 @@ pub fn router(config: &Config, simd: &'static str, service: Arc<Service>, stream
             "/v1/streams/{camera}/events",
             only("GET, HEAD", get(streams::events)),
         )
-        .route("/metrics", only("GET, HEAD", get(about::metrics)))
-        .route("/v1/info", only("GET, HEAD", get(about::info)))
-        .route_layer(from_fn_with_state(Arc::clone(&http), door::enter));
-    description::routes(console::routes(behind_the_door))
-        .route("/v1/schema.binpb", only("GET, HEAD", get(about::schema)))
-        .route("/livez", only("GET, HEAD", get(about::live)))
-        .route("/readyz", only("GET, HEAD", get(about::ready)))
-        .fallback(no_such_resource)
-        .layer(from_fn_with_state(names, envelope::wrap))
-        .with_state(http)
+        .route("/v1/info", only("GET, HEAD", get(about::info)));
+    if config.http.admin.is_none() {
+        behind_the_door = behind_the_door.route("/metrics", metrics());
+    }
+    let behind_the_door = behind_the_door.route_layer(from_fn_with_state(Arc::clone(&http), door::enter));
+    let public = description::routes(console::routes(behind_the_door))
+        .route("/v1/schema.binpb", only("GET, HEAD", get(about::schema)));
+    let whole = |routes: Router<Arc<Http>>| {
+        routes
+            .route("/livez", only("GET, HEAD", get(about::live)))
+            .route("/readyz", only("GET, HEAD", get(about::ready)))
+            .fallback(no_such_resource)
+            .layer(from_fn_with_state(Arc::clone(&names), envelope::wrap))
+            .with_state(Arc::clone(&http))
+    };
+    let admin = config
+        .http
+        .admin
+        .map(|_| whole(Router::new().route("/metrics", metrics())));
+    Routers {
+        public: whole(public),
+        admin,
+    }
 }
 
 /// A resource whose other methods are refused naming `expected`.

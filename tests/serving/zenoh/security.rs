@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use prost::Message;
 use rcgen::{BasicConstraints, CertificateParams, CertifiedIssuer, IsCa, KeyPair};
 use serde_json::{Value, json};
 use stereo_tests::zenoh::{Router, client, client_with};
@@ -9,7 +10,8 @@ use zenoh::Session;
 use zenoh::sample::Locality;
 
 use super::network::{Camera, numbered};
-use crate::conversation::Server;
+use crate::conversation::{PROTOBUF, Server, message};
+use crate::doors::{ConfigFile, token};
 
 const EXAMPLE: &str = include_str!("../../../docker/zenoh-router.json5");
 
@@ -22,6 +24,11 @@ struct Fleet {
 
 impl Fleet {
     async fn start(name: &str) -> Self {
+        Self::start_with(name, &[]).await
+    }
+
+    /// With more arguments of the server.
+    async fn start_with(name: &str, more: &[&str]) -> Self {
         let folder = std::env::temp_dir().join(format!("stereod-fleet-{name}-{}", std::process::id()));
         std::fs::create_dir_all(&folder).expect("a writable folder");
         let users = folder.join("users.txt");
@@ -59,13 +66,14 @@ impl Fleet {
             },
         });
         std::fs::write(&file, own.to_string()).expect("a writable folder");
-        let server = Server::start(&[
+        let own = [
             "--zenoh-config",
             file.to_str().expect("ASCII"),
             "--zenoh-connect",
             router.endpoint(),
             "--require-zenoh",
-        ]);
+        ];
+        let server = Server::start(&[&own, more].concat());
         server.until_ready().await;
         Self {
             router,
@@ -143,6 +151,42 @@ async fn a_robot_sends_and_reads_its_own_and_nothing_else() {
     assert_eq!(streams["streams"].as_array().map(Vec::len), Some(1));
     assert_eq!(streams["streams"][0]["frames"]["received"], 3);
     assert!(overheard.try_recv().is_ok_and(|sample| sample.is_none()));
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_robot_has_the_same_name_and_the_same_camera_over_http() {
+    let (one, section) = token("robot-1");
+    let (two, other) = token("robot-2");
+    let config = ConfigFile::new(
+        "names",
+        &format!("{section}cameras = [\"robot-1\"]\n{other}cameras = [\"robot-2\"]\n"),
+    );
+    let fleet = Fleet::start_with("names", &["--config", config.path()]).await;
+    let robot = fleet.user("robot-1", "one").await.expect("a known user");
+    let camera = Camera::start(&robot, "robot-1").await;
+    for sequence in 1..=3 {
+        camera.put(&numbered(sequence)).await;
+        assert_eq!(camera.result().await.sequence, Some(sequence));
+    }
+    let http = reqwest::Client::builder().no_proxy().build().expect("a client");
+    let url = format!("{}/v1/streams/robot-1", fleet.server.process.url());
+    for (token, status) in [(&one, 200), (&two, 403)] {
+        let answer = http.get(&url).bearer_auth(token).send().await.expect("an answer");
+        assert_eq!(answer.status(), status);
+    }
+    let url = format!("{}/v1/stereo", fleet.server.process.url());
+    for (camera, status) in [("robot-1", 200), ("robot-2", 403)] {
+        let request = stereo_proto::v1::StereoRequest {
+            camera_id: camera.to_owned(),
+            ..message()
+        };
+        let post = http
+            .post(&url)
+            .bearer_auth(&one)
+            .header("content-type", PROTOBUF)
+            .body(request.encode_to_vec());
+        assert_eq!(post.send().await.expect("an answer").status(), status, "{camera}");
+    }
 }
 
 #[tokio::test(flavor = "multi_thread")]

@@ -89,6 +89,7 @@ pub(super) async fn ready(State(http): State<Arc<Http>>) -> Response {
     path = "/metrics",
     tag = "server",
     summary = "Everything that is counted, as OpenMetrics text",
+    description = "At the address of `--admin` alone, without a token, where there is one.",
     responses(
         (status = 200, description = "The metrics", body = String, content_type = "application/openmetrics-text"),
         Refusal,

@@ -1,8 +1,10 @@
 //! The listener and its connections: how many, how long each may be silent, and how they end.
 
 mod departures;
+mod farewell;
 mod patient;
 mod places;
+mod tls;
 
 use std::error::Error;
 use std::io;
@@ -16,6 +18,7 @@ use axum::body::Body;
 use axum::extract::Request;
 use hyper_util::rt::{TokioExecutor, TokioIo, TokioTimer};
 use hyper_util::server::conn::auto::Builder;
+use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::watch;
 use tokio::task::JoinHandle;
@@ -25,9 +28,12 @@ use tower::ServiceExt;
 pub(super) use self::departures::Departures;
 use self::patient::Patient;
 use self::places::{Place, Places};
+pub(super) use self::tls::CertifiedNames;
+pub use self::tls::Tls;
 use crate::config::HttpConfig;
 use crate::metrics::{ConnectionEnd, Metrics};
 use crate::service::Service;
+use crate::status::ServiceError;
 
 /// How long connections may take to end once the server stops.
 const CLOSE: Duration = Duration::from_secs(2);
@@ -35,6 +41,8 @@ const CLOSE: Duration = Duration::from_secs(2);
 const ACCEPT_PAUSE: Duration = Duration::from_millis(100);
 /// A batch gives its client up after the time for a body, and says so; the connection waits a little longer than that.
 const PATIENCE_FACTOR: u32 = 2;
+/// What a connection of HTTP/1.1 may hold of what came or is to go, and so the longest head.
+const MAX_BUFFER_BYTES: usize = 128 << 10;
 /// Requests that one HTTP/2 connection may have under way.
 const MAX_STREAMS: u32 = 64;
 
@@ -56,27 +64,48 @@ pub struct Listening {
     pub addr: SocketAddr,
     stop: watch::Sender<bool>,
     task: JoinHandle<()>,
+    /// Reads the files of TLS again.
+    renewal: Option<JoinHandle<()>>,
 }
 
 impl Listener {
-    /// Binds the configured address.
+    /// Binds an address.
     ///
     /// # Errors
     /// What the system says, such as that the address is in use.
-    pub async fn bind(config: &HttpConfig) -> io::Result<Self> {
-        let socket = TcpListener::bind(config.listen).await?;
+    pub async fn bind(addr: SocketAddr) -> io::Result<Self> {
+        let socket = TcpListener::bind(addr).await?;
         let addr = socket.local_addr()?;
         Ok(Self { socket, addr })
     }
 
-    /// Starts to answer with `router`.
+    /// Starts to answer with `router`, encrypted if there is a `tls`.
     #[must_use]
-    pub fn serve(self, config: &HttpConfig, router: Router, service: &Service) -> Listening {
+    pub fn serve(
+        self,
+        config: &HttpConfig,
+        tls: Option<Arc<Tls>>,
+        router: Router,
+        service: &Service,
+    ) -> Listening {
         let metrics = Arc::clone(service.metrics());
         let stop = watch::Sender::new(false);
         let Self { socket, addr } = self;
-        let task = tokio::spawn(accept(socket, config.clone(), router, metrics, stop.subscribe()));
-        Listening { addr, stop, task }
+        let renewal = tls.clone().map(|tls| tokio::spawn(tls.keep_current()));
+        let host = Host {
+            config: config.clone(),
+            tls,
+            router,
+            metrics,
+            stop: stop.subscribe(),
+        };
+        let task = tokio::spawn(accept(socket, host));
+        Listening {
+            addr,
+            stop,
+            task,
+            renewal,
+        }
     }
 }
 
@@ -86,18 +115,26 @@ impl Listening {
         // Fails only if the task has ended already.
         let _ = self.stop.send(true);
         let _ = self.task.await;
+        if let Some(renewal) = self.renewal {
+            renewal.abort();
+        }
     }
 }
 
-async fn accept(
-    socket: TcpListener,
+/// What connections are served with.
+#[derive(Clone)]
+struct Host {
     config: HttpConfig,
+    tls: Option<Arc<Tls>>,
     router: Router,
     metrics: Arc<Metrics>,
-    mut stop: watch::Receiver<bool>,
-) {
-    let places = Arc::new(Places::new(config.connections, Arc::clone(&metrics)));
-    let stopping = stop.clone();
+    stop: watch::Receiver<bool>,
+}
+
+async fn accept(socket: TcpListener, host: Host) {
+    let metrics = Arc::clone(&host.metrics);
+    let mut stop = host.stop.clone();
+    let places = Arc::new(Places::new(host.config.connections, Arc::clone(&metrics)));
     let accepting = async {
         loop {
             let (stream, peer) = match socket.accept().await {
@@ -113,14 +150,14 @@ async fn accept(
                 places.refuse(stream);
                 continue;
             };
-            let metrics = Arc::clone(&metrics);
             let connection = Connection {
                 peer: peer.ip().to_canonical(),
-                config: config.clone(),
-                router: router.clone(),
-                stop: stopping.clone(),
+                names: CertifiedNames::default(),
+                departures: Departures::default(),
+                host: host.clone(),
             };
             tokio::spawn(async move {
+                let metrics = Arc::clone(&connection.host.metrics);
                 metrics.connections.inc();
                 let end = connection.serve(stream, &place).await;
                 metrics.connections.dec();
@@ -138,36 +175,94 @@ async fn accept(
     places.all_free().await;
 }
 
-/// What a connection is served with.
+/// One connection, with what is known of it.
 struct Connection {
     peer: IpAddr,
-    config: HttpConfig,
-    router: Router,
-    stop: watch::Receiver<bool>,
+    names: CertifiedNames,
+    departures: Departures,
+    host: Host,
 }
 
 impl Connection {
     /// Serves it until the client closes it, it rests for too long, its place is needed, or the server stops.
     async fn serve(self, stream: TcpStream, place: &Place) -> ConnectionEnd {
+        // Answers are written whole; waiting to fill a packet only costs latency. Not all kinds of sockets know this.
+        let _ = stream.set_nodelay(true);
+        match self.host.tls.clone() {
+            None => {
+                let stream = self.patient(stream);
+                self.converse(stream, place).await
+            }
+            Some(tls) => self.serve_encrypted(stream, &tls, place).await,
+        }
+    }
+
+    fn patient(&self, stream: TcpStream) -> Patient {
+        let patience = PATIENCE_FACTOR * self.host.config.body_timeout;
+        Patient::new(stream, patience, self.departures.clone())
+    }
+
+    /// The same after a handshake, which has the time of a head. Until its first request the connection has to make room for others.
+    async fn serve_encrypted(mut self, stream: TcpStream, tls: &Tls, place: &Place) -> ConnectionEnd {
+        let mut stop = self.host.stop.clone();
+        let handshake = timeout(self.host.config.header_timeout, async {
+            match tls::begins(&stream).await {
+                Ok(true) => tls.accept(self.patient(stream)).await,
+                Ok(false) => {
+                    let error = ServiceError::Invalid(
+                        "this port speaks HTTPS: begin the address with https://".to_owned(),
+                    );
+                    self.host.metrics.ended(None, error.reason_name());
+                    farewell::say(stream, error).await;
+                    Err(io::ErrorKind::InvalidData.into())
+                }
+                Err(error) => Err(error),
+            }
+        });
+        let encrypted = tokio::select! {
+            shaken = handshake => match shaken {
+                Ok(Ok(encrypted)) => encrypted,
+                Ok(Err(error)) => {
+                    tracing::debug!(%error, peer = %self.peer, "no TLS came about");
+                    return ConnectionEnd::Handshake;
+                }
+                Err(_) => return ConnectionEnd::Silent,
+            },
+            () = place.evicted() => return ConnectionEnd::Evicted,
+            _ = stop.wait_for(|&stop| stop) => return ConnectionEnd::Stopping,
+        };
+        self.names = tls::certified_names(encrypted.get_ref().1);
+        self.converse(encrypted, place).await
+    }
+
+    /// Answers requests.
+    async fn converse<S>(self, stream: S, place: &Place) -> ConnectionEnd
+    where
+        S: AsyncRead + AsyncWrite + Unpin + Send + 'static,
+    {
         let Self {
             peer,
+            names,
+            departures,
+            host,
+        } = self;
+        let Host {
             config,
             router,
             mut stop,
-        } = self;
-        // Answers are written whole; waiting to fill a packet only costs latency. Not all kinds of sockets know this.
-        let _ = stream.set_nodelay(true);
+            ..
+        } = host;
         let active = watch::Sender::new(0_usize);
         let serving = active.clone();
-        let departures = Departures::default();
-        let stream = Patient::new(stream, PATIENCE_FACTOR * config.body_timeout, departures.clone());
         let service = hyper::service::service_fn(move |request: hyper::Request<hyper::body::Incoming>| {
             place.speaks();
             let busy = Arc::new(Busy::new(&serving));
             let mut request: Request = request.map(Body::new);
-            request.extensions_mut().insert(Peer(peer));
-            request.extensions_mut().insert(Arc::clone(&busy));
-            request.extensions_mut().insert(departures.clone());
+            let extensions = request.extensions_mut();
+            extensions.insert(Peer(peer));
+            extensions.insert(names.clone());
+            extensions.insert(Arc::clone(&busy));
+            extensions.insert(departures.clone());
             let answer = router.clone().oneshot(request);
             async move {
                 let answer = answer.await;
@@ -206,13 +301,14 @@ impl Connection {
     }
 }
 
-/// HTTP/1.1 and h2c; a client that is silent for longer than `silence` is given up.
+/// HTTP/1.1 and HTTP/2; a client that is silent for longer than `silence` is given up.
 fn builder(silence: Duration) -> Builder<TokioExecutor> {
     let mut builder = Builder::new(TokioExecutor::new());
     builder
         .http1()
         .timer(TokioTimer::new())
-        .header_read_timeout(silence);
+        .header_read_timeout(silence)
+        .max_buf_size(MAX_BUFFER_BYTES);
     builder
         .http2()
         .timer(TokioTimer::new())

@@ -7,7 +7,7 @@ use axum::Router;
 use axum::body::Body as HttpBody;
 use axum::http::header::{
     ACCEPT_ENCODING, CACHE_CONTROL, CONTENT_ENCODING, CONTENT_SECURITY_POLICY, CONTENT_TYPE, ETAG,
-    IF_NONE_MATCH, REFERRER_POLICY, VARY, X_CONTENT_TYPE_OPTIONS,
+    IF_NONE_MATCH, REFERRER_POLICY, VARY,
 };
 use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode};
 use axum::response::Response;
@@ -99,7 +99,6 @@ fn serve(file: &File, headers: &HeaderMap) -> Response {
     set(ETAG, body.tag);
     set(VARY, "Accept-Encoding");
     set(CONTENT_SECURITY_POLICY, POLICY);
-    set(X_CONTENT_TYPE_OPTIONS, "nosniff");
     set(REFERRER_POLICY, "no-referrer");
     if zipped.is_some() {
         set(CONTENT_ENCODING, "gzip");

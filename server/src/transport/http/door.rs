@@ -10,7 +10,7 @@ use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 
 use super::Http;
-use super::connections::Peer;
+use super::connections::{CertifiedNames, Peer};
 use super::envelope::{ReceivedAt, RequestId};
 use super::refusal::Refusal;
 use crate::clients::{Caller, Clients};
@@ -27,8 +27,10 @@ pub(super) async fn enter(
     mut request: Request,
     next: Next,
 ) -> Response {
-    let peer = request.extensions().get::<Peer>().copied();
-    match admit(http.service.clients(), request.headers(), peer) {
+    let extensions = request.extensions();
+    let peer = extensions.get::<Peer>().copied();
+    let names = extensions.get::<CertifiedNames>().cloned().unwrap_or_default();
+    match admit(http.service.clients(), request.headers(), peer, &names) {
         Ok(caller) => {
             if let Some(client) = caller.client() {
                 tracing::Span::current().record("client", client.name());
@@ -43,15 +45,29 @@ pub(super) async fn enter(
     }
 }
 
-/// Who asks.
-fn admit(clients: &Clients, headers: &HeaderMap, peer: Option<Peer>) -> Result<Caller, ServiceError> {
+/// Who asks. A token counts before a certificate, which may be that of a gateway.
+fn admit(
+    clients: &Clients,
+    headers: &HeaderMap,
+    peer: Option<Peer>,
+    names: &CertifiedNames,
+) -> Result<Caller, ServiceError> {
     let caller = match peer {
-        _ if clients.has_doors() => Caller::Client(Arc::clone(match token(headers)? {
-            Some(token) => clients
-                .by_token(token)
-                .ok_or(ServiceError::Unauthenticated { is_wrong: true })?,
-            None => return Err(ServiceError::Unauthenticated { is_wrong: false }),
-        })),
+        _ if clients.has_doors() => {
+            let (known, is_wrong) = match token(headers)? {
+                Some(token) => (clients.by_token(token), true),
+                None => {
+                    let CertifiedNames(names) = names;
+                    (
+                        names.iter().find_map(|name| clients.by_name(name)),
+                        !names.is_empty(),
+                    )
+                }
+            };
+            Caller::Client(Arc::clone(
+                known.ok_or(ServiceError::Unauthenticated { is_wrong })?,
+            ))
+        }
         Some(Peer(address)) => clients.by_address(address),
         None => Caller::Stranger(String::new()),
     };
@@ -109,14 +125,15 @@ mod tests {
     #[test]
     fn where_nobody_has_a_token_everybody_is_let_in_and_known_by_address() {
         let peer = Some(Peer("192.0.2.7".parse().unwrap()));
-        let open = admit(&Clients::default(), &shown(&["Bearer abc"]), peer);
+        let nobody = CertifiedNames::default();
+        let open = admit(&Clients::default(), &shown(&["Bearer abc"]), peer, &nobody);
         assert_eq!(open.unwrap().share(""), "192.0.2.7");
         let text = "[clients.lab]\ntoken_sha256 = \"ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad\"\n";
         let clients = Clients::new(&Config::from_toml(text, "x").unwrap());
-        let known = admit(&clients, &shown(&["Bearer abc"]), peer).unwrap();
+        let known = admit(&clients, &shown(&["Bearer abc"]), peer, &nobody).unwrap();
         assert_eq!(known.share(""), "client lab");
         for (values, is_wrong) in [(&["Bearer abd"][..], true), (&["Bearer "], true), (&[], false)] {
-            let error = admit(&clients, &shown(values), peer).unwrap_err();
+            let error = admit(&clients, &shown(values), peer, &nobody).unwrap_err();
             assert_eq!(error, ServiceError::Unauthenticated { is_wrong }, "{values:?}");
         }
     }

@@ -7,6 +7,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Instant, SystemTime, UNIX_EPOCH};
 
 use axum::extract::{Request, State};
+use axum::http::header::{CONTENT_SECURITY_POLICY, X_CONTENT_TYPE_OPTIONS};
 use axum::http::{HeaderMap, HeaderName, HeaderValue};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
@@ -21,6 +22,10 @@ const REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
 const TRACE_PARENT: &str = "traceparent";
 /// Longest accepted `X-Request-Id`.
 const MAX_ID_CHARACTERS: usize = 128;
+
+/// Of what is no page: a browser is to show it as what it says it is, load nothing for it, and show it in no other page.
+const POLICY: HeaderValue = HeaderValue::from_static("default-src 'none'; frame-ancestors 'none'");
+const NO_SNIFFING: HeaderValue = HeaderValue::from_static("nosniff");
 
 /// When a request's head was there and its body unread.
 #[derive(Clone, Copy)]
@@ -97,9 +102,12 @@ pub(super) async fn wrap(
         answer
     };
     let mut answer = answered.instrument(span).await;
+    let headers = answer.headers_mut();
+    headers.entry(CONTENT_SECURITY_POLICY).or_insert(POLICY);
+    headers.insert(X_CONTENT_TYPE_OPTIONS, NO_SNIFFING);
     // Printable ASCII, so always a valid header value.
     if let Ok(value) = HeaderValue::from_str(&id.0) {
-        answer.headers_mut().insert(REQUEST_ID, value);
+        headers.insert(REQUEST_ID, value);
     }
     answer
 }

@@ -15,7 +15,10 @@ fn server() -> (Router, Arc<Service>) {
     config.limits.body_bytes = 1 << 20;
     let service = Arc::new(Service::start(&config).unwrap());
     let streams = Arc::new(Streams::new(service.metrics()));
-    (router(&config, "scalar", Arc::clone(&service), streams), service)
+    (
+        routers(&config, "scalar", Arc::clone(&service), streams).public,
+        service,
+    )
 }
 
 struct Answer {

@@ -5,11 +5,11 @@ use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::TcpStream;
 use tokio::sync::{Notify, OwnedSemaphorePermit, Semaphore};
 use tokio::time::timeout;
 
+use super::farewell;
 use crate::metrics::Metrics;
 use crate::status::ServiceError;
 
@@ -17,8 +17,6 @@ use crate::status::ServiceError;
 const EVICTION: Duration = Duration::from_millis(100);
 /// Connections that are being told that there is no place; more are closed without a word.
 const REFUSALS: usize = 64;
-/// How long a refused client may take to read why.
-const REFUSAL: Duration = Duration::from_secs(1);
 
 pub(super) struct Places {
     free: Arc<Semaphore>,
@@ -80,30 +78,14 @@ impl Places {
     }
 
     /// Tells a client that there is no place for it.
-    pub(super) fn refuse(&self, mut stream: TcpStream) {
+    pub(super) fn refuse(&self, stream: TcpStream) {
         let error = ServiceError::TooManyConnections { limit: self.limit };
         self.metrics.ended(None, error.reason_name());
         let Ok(permit) = Arc::clone(&self.refusing).try_acquire_owned() else {
             return;
         };
-        let body = error.to_problem_json("");
-        let head = format!(
-            "HTTP/1.1 {} Service Unavailable\r\nContent-Type: application/problem+json\r\nContent-Length: {}\r\n\
-             Retry-After: {}\r\nConnection: close\r\n\r\n",
-            error.http_code(),
-            body.len(),
-            error.retry_after_s().unwrap_or(1)
-        );
         tokio::spawn(async move {
-            let told = async {
-                stream.write_all(&[head.as_bytes(), &body].concat()).await?;
-                stream.shutdown().await?;
-                // A socket that is closed with something unread in it takes back what was sent.
-                let mut unread = [0; 4096];
-                while stream.read(&mut unread).await? > 0 {}
-                std::io::Result::Ok(())
-            };
-            drop(timeout(REFUSAL, told).await);
+            farewell::say(stream, error).await;
             drop(permit);
         });
     }
