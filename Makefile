@@ -1,6 +1,6 @@
 # Short names for plain commands; nothing is done here that can't be typed.
 
-.PHONY: demo console test test-python test-console test-api test-readme check-docker check-supply sbom hostile fuzz asan lint lint-python fmt figures eval stages load load-zenoh soak
+.PHONY: demo console test test-python test-console test-api test-readme check-docker check-supply sbom hostile fuzz asan lint lint-python fmt figures eval stages load load-zenoh soak rejections
 
 # A real pair through a real server; writes out/.
 demo: console
@@ -64,11 +64,13 @@ hostile:
 	cargo test --release --workspace --no-run
 	target/release/hostile $(ARGS)
 
-# The same decoders under libFuzzer with AddressSanitizer, SECONDS each: needs a C++ compiler. What it finds is put into
-# fuzz/artifacts; mended, it belongs into fuzz/corpus under a name that starts with `fault`. One alone: make fuzz TARGETS=png.
+# The same decoders under libFuzzer with AddressSanitizer, SECONDS each, from the versions that the server is built from: needs a C++
+# compiler. What it finds is put into fuzz/artifacts; mended, it belongs into fuzz/corpus under a name that starts with `fault`. One
+# alone: make fuzz TARGETS=png.
 TARGETS = $(notdir $(wildcard fuzz/corpus/*))
 fuzz: SECONDS = 60
 fuzz: target/venv-fuzz/ready
+	cp Cargo.lock fuzz/Cargo.lock
 	for target in $(TARGETS); do \
 		mkdir -p target/fuzz/$$target && RUSTC_BOOTSTRAP=1 target/venv-fuzz/bin/cargo-fuzz run $$target target/fuzz/$$target fuzz/corpus/$$target -- \
 			-max_total_time=$(SECONDS) -max_len=65536 -timeout=5 -rss_limit_mb=2048 -print_final_stats=1 || exit 1; \
@@ -153,6 +155,11 @@ load-zenoh:
 	for suite in round-trips cameras takeovers; do \
 		target/release/load --suite $$suite --seconds $(SECONDS) --write README.md $(ARGS) || exit 1; \
 	done
+
+# How long hostile input takes to be refused; fails from 5 ms at the 99th percentile on. Writes the README's table.
+rejections:
+	cargo test --release --workspace --no-run
+	target/release/load --suite rejections --write README.md $(ARGS)
 
 # Mixed load for MINUTES; fails if memory, descriptors, threads or tasks grow, or deadlines are kept less and less. Writes the README's table
 # and picture, and tests/data/soak.csv.

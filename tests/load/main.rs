@@ -19,6 +19,7 @@ mod generator;
 mod pacer;
 mod plan;
 mod record;
+mod rejections;
 mod scenario;
 mod soak;
 mod statistics;
@@ -61,6 +62,7 @@ fn main() -> Result<ExitCode> {
         Some(args::Suite::Cameras) => zenoh::cameras(&args).map(|()| ExitCode::SUCCESS),
         Some(args::Suite::Takeovers) => zenoh::takeovers(&args).map(|()| ExitCode::SUCCESS),
         Some(args::Suite::Soak) => soak::run(&args),
+        Some(args::Suite::Rejections) => rejections::run(&args),
         None => one(&args),
     }
 }

@@ -21,6 +21,8 @@ pub(crate) enum Suite {
     Takeovers,
     /// Mixed load over HTTP and Zenoh for `--seconds`: fails if anything grows or gets worse.
     Soak,
+    /// How long hostile input takes to be refused: fails if that is 5 ms or more at the 99th percentile.
+    Rejections,
 }
 
 /// A part of the suite.
