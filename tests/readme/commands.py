@@ -31,6 +31,7 @@ LEFT_OUT = {
     "make stages": "measures for a minute; its options are tested with the evaluation",
     "make load": "takes a quarter of an hour",
     "make soak": "takes half an hour",
+    "make rejections": "takes two minutes; what it does is tested with the load generator",
     "make check-docker": "has a run of its own",
     "docker compose": "needs Docker",
     "helm install": "needs a cluster",
@@ -64,7 +65,7 @@ class Reader:
     def __init__(self, folder: Path, programs: Path) -> None:
         self.folder = folder
         self.programs = programs
-        self.ports = {port: str(free_port()) for port in ("8080", "8081", "7447")}
+        self.ports = {port: str(free_port()) for port in ("8080", "8081", "7447", "9090")}
         self.running: list[subprocess.Popen[str]] = []
 
     def translated(self, command: str) -> str:
@@ -134,7 +135,7 @@ class Reader:
         """A reader is slower than a server that makes ready."""
         if not re.search(r"\bserve\b", command):
             return None
-        port = self.ports["8081" if "8081" in command else "8080"]
+        port = self.ports[next((port for port in ("8081", "9090") if port in command), "8080")]
         until = time.monotonic() + PATIENCE_S
         while time.monotonic() < until:
             try:
