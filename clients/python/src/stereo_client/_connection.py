@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import re
 import socket
+import ssl
 from collections.abc import AsyncGenerator, AsyncIterator, Mapping
 from dataclasses import dataclass
 from typing import TypeAlias
 from urllib.parse import urlsplit
 
+from ._access import Access
+from ._wire import TlsWire, Wire
 from .errors import (
     InputError,
+    InsecureConnectionError,
     InterruptedExchangeError,
     MalformedReplyError,
     UnreachableError,
@@ -22,6 +25,10 @@ CONNECT_TIMEOUT_S = 5.0
 MOST_BYTES = 1 << 30
 """Longest body, or message of a batch, that is taken: several times the largest result."""
 _HEAD_BYTES = 64 << 10
+# OpenSSL's numbers for what is wrong with a certificate.
+_EXPIRED = 10
+_OTHER_NAME = (62, 64)
+_UNKNOWN_ISSUER = (18, 19, 20, 21)
 
 Body: TypeAlias = "bytes | AsyncIterator[bytes]"
 
@@ -47,43 +54,43 @@ class Address:
     host: str
     port: int
     prefix: str
+    is_secure: bool
 
     @classmethod
     def parse(cls, url: str) -> Address:
         """Return the address that `url` names."""
         try:
             parts = urlsplit(url)
-            port = parts.port or 80
+            port = parts.port or (443 if parts.scheme == "https" else 80)
         except ValueError as why:
             raise InputError(f"{url!r} is no address ({why}): give one such as http://127.0.0.1:8080") from why
-        if parts.scheme != "http" or not parts.hostname:
+        if parts.scheme not in ("http", "https") or not parts.hostname:
             raise InputError(
                 f"{url!r} is no address of a server: give one such as http://127.0.0.1:8080 or zenoh://router:7447"
             )
-        return cls(url.rstrip("/"), parts.hostname, port, parts.path.rstrip("/"))
+        return cls(url.rstrip("/"), parts.hostname, port, parts.path.rstrip("/"), parts.scheme == "https")
 
 
 class Connection:
-    """One connection. It is closed after anything that leaves it in the middle of an exchange.
+    """One connection. It is closed after anything that leaves it in the middle of an exchange."""
 
-    It is a plain socket: when a server has said why and closed, an asyncio transport that still writes fails before that is read.
-    """
-
-    def __init__(self, address: Address, connected: socket.socket) -> None:
+    def __init__(self, address: Address, access: Access, wire: Wire) -> None:
         self.address = address
         self.is_used = False
-        self._socket = connected
-        self._loop = asyncio.get_running_loop()
+        self._access = access
+        self._wire = wire
         self._arrived = bytearray()
         self._length: int | None = None
         self._may_be_kept = False
 
     @classmethod
-    async def open(cls, address: Address) -> Connection:
-        """Connect."""
+    async def open(cls, address: Address, access: Access, context: ssl.SSLContext | None) -> Connection:
+        """Connect; by TLS if there is a context for it."""
         url = address.url
         try:
-            return cls(address, await asyncio.wait_for(_connect(address.host, address.port), CONNECT_TIMEOUT_S))
+            return cls(address, access, await asyncio.wait_for(_connect(address, context), CONNECT_TIMEOUT_S))
+        except ssl.SSLError as why:
+            raise _insecure(url, why) from why
         except socket.gaierror as why:
             raise UnreachableError(f"the host {address.host!r} of {url} can't be found: check the address") from why
         except ConnectionRefusedError as why:
@@ -101,29 +108,22 @@ class Connection:
 
     def is_fresh(self) -> bool:
         """Whether it can take another exchange, as far as this side knows."""
-        try:
-            self._socket.recv(1, socket.MSG_PEEK)
-        except BlockingIOError:
-            return not self._arrived
-        except OSError:
-            pass
-        # The end, or something that nobody asked for.
-        return False
+        # What has come is the end, or something that nobody asked for.
+        return not self._arrived and self._wire.is_silent()
 
     def abort(self) -> None:
         """End what is under way on it."""
-        with contextlib.suppress(OSError):
-            self._socket.shutdown(socket.SHUT_RDWR)
+        self._wire.abort()
 
     def close(self) -> None:
         """Drop it, when nothing is under way any more."""
-        self._socket.close()
+        self._wire.close()
 
     async def send_head(self, method: str, path: str, headers: Mapping[str, str]) -> None:
         """Write the head of a request."""
         host = f"[{self.address.host}]" if ":" in self.address.host else self.address.host
         lines = [f"{method} {self.address.prefix}{path} HTTP/1.1", f"Host: {host}:{self.address.port}"]
-        lines += [f"{name}: {value}" for name, value in headers.items()]
+        lines += [f"{name}: {value}" for name, value in {**self._access.headers(), **headers}.items()]
         await self._send("\r\n".join([*lines, "\r\n"]).encode("latin-1"))
 
     async def send_body(self, body: Body) -> None:
@@ -191,13 +191,17 @@ class Connection:
 
     async def _send(self, data: bytes) -> None:
         try:
-            await self._loop.sock_sendall(self._socket, data)
+            await self._wire.send(data)
+        except ssl.SSLError as why:
+            raise _insecure(self.address.url, why) from why
         except OSError as why:
             raise self._broken(why.strerror or str(why)) from why
 
     async def _receive(self, buffer: memoryview) -> int:
         try:
-            count = await self._loop.sock_recv_into(self._socket, buffer)
+            count = await self._wire.receive(buffer)
+        except ssl.SSLError as why:
+            raise _insecure(self.address.url, why) from why
         except OSError as why:
             raise self._broken(why.strerror or str(why)) from why
         if count == 0:
@@ -232,17 +236,59 @@ class Connection:
 
     def _not_http(self) -> MalformedReplyError:
         return MalformedReplyError(
-            f"what answers at {self.address.url} does not speak HTTP as stereod does: check host and port"
+            f"what answers at {self.address.url} does not speak HTTP as stereod does: check host and port, or use https:// if it has TLS"
         )
 
     def _broken(self, why: str) -> InterruptedExchangeError:
+        if self.address.is_secure and not self.is_used and self._access.cert is None:
+            # By TLS 1.3, a server that misses a certificate says so after the handshake, and by closing may take its words back.
+            return InterruptedExchangeError(
+                f"{self.address.url} ended the connection without an answer ({why}): check that it still runs, or, if it asks for a "
+                "certificate of its clients, give one as cert"
+            )
         return InterruptedExchangeError(
             f"the connection to {self.address.url} broke ({why}): check that the server still runs, and send the request again"
         )
 
 
-async def _connect(host: str, port: int) -> socket.socket:
+def _insecure(url: str, error: ssl.SSLError) -> InsecureConnectionError:
+    """Return what TLS has against a connection, and what to do about it."""
+    reason = (error.reason or str(error)).upper()
+    if isinstance(error, ssl.SSLCertVerificationError):
+        if error.verify_code == _EXPIRED:
+            why = "its certificate has expired: renew it, or set this machine's clock"
+        elif error.verify_code in _OTHER_NAME:
+            why = "its certificate is for another name: use the name that it is for"
+        elif error.verify_code in _UNKNOWN_ISSUER:
+            why = "its certificate is signed by nobody who is trusted here: give the certificate of its authority as ca"
+        else:
+            why = f"its certificate is not accepted ({error.verify_message}): give the server another one"
+    elif "CERTIFICATE_REQUIRED" in reason or "HANDSHAKE_FAILURE" in reason:
+        why = "it asks for a certificate of its clients: give one that its authority has signed as cert"
+    elif "ALERT" in reason:
+        why = f"it has ended the handshake ({error.reason}): give a cert that it accepts, or look into its log"
+    elif reason in ("WRONG_VERSION_NUMBER", "RECORD_LAYER_FAILURE", "HTTP_REQUEST", "UNEXPECTED_EOF_WHILE_READING"):
+        why = "what answers there speaks no TLS: use http://, or correct the port"
+    else:
+        why = f"TLS failed ({error.reason or error}): look into the server's log"
+    return InsecureConnectionError(f"no secure connection to {url}: {why}")
+
+
+async def _connect(address: Address, context: ssl.SSLContext | None) -> Wire:
     """Connect to the first of the host's addresses that takes it."""
+    connected = await _socket(address.host, address.port)
+    if context is None:
+        return Wire(connected)
+    try:
+        wire = TlsWire(connected, context, address.host)
+        await wire.shake_hands()
+    except BaseException:
+        connected.close()
+        raise
+    return wire
+
+
+async def _socket(host: str, port: int) -> socket.socket:
     loop = asyncio.get_running_loop()
     refused: OSError = OSError("it has no address")
     for family, kind, protocol, _, address in await loop.getaddrinfo(host, port, type=socket.SOCK_STREAM):

@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 from collections.abc import Mapping
 
+from ._access import Access
 from ._connection import Address, Answer, Connection
 from .errors import InterruptedExchangeError, NoAnswerError, StereoError
 
@@ -13,8 +14,10 @@ from .errors import InterruptedExchangeError, NoAnswerError, StereoError
 class Http:
     """Exchanges with one server."""
 
-    def __init__(self, url: str, timeout_s: float) -> None:
+    def __init__(self, url: str, timeout_s: float, access: Access) -> None:
         self.address = Address.parse(url)
+        self._access = access
+        self._context = access.context() if self.address.is_secure else None
         self._timeout_s = timeout_s
         self._idle: list[Connection] = []
 
@@ -67,7 +70,7 @@ class Http:
 
     async def open(self) -> Connection:
         """Return a new connection, which is the caller's to close."""
-        return await Connection.open(self.address)
+        return await Connection.open(self.address, self._access, self._context)
 
     async def _connection(self) -> Connection:
         while self._idle:
@@ -75,7 +78,7 @@ class Http:
             if connection.is_fresh():
                 return connection
             connection.close()
-        return await Connection.open(self.address)
+        return await Connection.open(self.address, self._access, self._context)
 
     async def close(self) -> None:
         """Close what is not in use."""

@@ -11,6 +11,7 @@ from urllib.parse import quote
 
 from google.protobuf.message import DecodeError
 
+from ._access import Access
 from ._connection import Answer, Connection
 from ._delimited import Delimited, delimited
 from ._http import Http
@@ -32,10 +33,10 @@ _READY_INTERVAL_S = 0.02
 
 
 class OverHttp:
-    """The transport that `http://` addresses have."""
+    """The transport that `http://` and `https://` addresses have."""
 
-    def __init__(self, url: str, timeout_s: float) -> None:
-        self._http = Http(url, timeout_s)
+    def __init__(self, url: str, timeout_s: float, access: Access) -> None:
+        self._http = Http(url, timeout_s, access)
         self.url = self._http.address.url
 
     async def match(self, request: Any) -> Any:

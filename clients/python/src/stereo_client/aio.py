@@ -7,6 +7,7 @@ from collections.abc import AsyncGenerator, AsyncIterator
 from contextlib import aclosing
 from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeAlias
 
+from ._access import Access
 from ._fleet import ServerInfo
 from ._over_http import OverHttp
 from ._over_zenoh import OverZenoh
@@ -18,11 +19,11 @@ from .result import Result
 from .settings import Pairing, Settings, settings_message
 
 if TYPE_CHECKING:
-    import os
     from types import TracebackType
 
     from typing_extensions import Self, Unpack
 
+    from ._access import Certificate, File
     from .options import Calibration, MatchOptions, ServiceOptions
 
 
@@ -61,18 +62,31 @@ class AsyncClient:
     Parameters
     ----------
     url : str
-        `http://host:port` for one server; `zenoh://router:7447` for all servers behind a Zenoh router or beside a server, and
-        `zenoh://` for those that are found in the local network.
+        `http://host:port` or `https://host:port` for one server; `zenoh://router:7447` for all servers behind a Zenoh router or beside
+        a server, and `zenoh://` for those that are found in the local network.
     timeout_s : float
         How long a whole exchange may take before `NoAnswerError` is raised. Default 120.
+    token : str, optional
+        For HTTP, as `stereod token` prints it.
+    ca : path, optional
+        PEM file of the authority that has signed the certificate of an `https://` server. Default: those that this system trusts.
+    cert : path or (path, path), optional
+        PEM file of this client's certificate with its key, or one of each, for servers that ask for one.
     zenoh_config : path, optional
         A file with Zenoh's own configuration (JSON5): TLS, passwords, ..; endpoints of `url` win over its own.
     """
 
     def __init__(
-        self, url: str, *, timeout_s: float = 120.0, zenoh_config: str | os.PathLike[str] | None = None
+        self,
+        url: str,
+        *,
+        timeout_s: float = 120.0,
+        token: str | None = None,
+        ca: File | None = None,
+        cert: Certificate | None = None,
+        zenoh_config: File | None = None,
     ) -> None:
-        self._transport = _transport(url, timeout_s, zenoh_config)
+        self._transport = _transport(url, timeout_s, Access(token, ca, cert), zenoh_config)
 
     @property
     def url(self) -> str:
@@ -219,9 +233,13 @@ class AsyncClient:
         return self._transport
 
 
-def _transport(url: str, timeout_s: float, zenoh_config: str | os.PathLike[str] | None) -> Transport:
+def _transport(url: str, timeout_s: float, access: Access, zenoh_config: File | None) -> Transport:
     if not isinstance(url, str):
         raise InputError(f"{url!r} is no address of a server: give one such as 'http://127.0.0.1:8080'")
     if url.startswith("zenoh://"):
+        if access != Access():
+            raise InputError(
+                "token, ca and cert are for http:// and https://: for Zenoh, TLS and passwords stand in the file zenoh_config"
+            )
         return OverZenoh(url, timeout_s, zenoh_config)
-    return OverHttp(url, timeout_s)
+    return OverHttp(url, timeout_s, access)

@@ -14,13 +14,13 @@ from .images import ImageLike
 from .result import Result
 
 if TYPE_CHECKING:
-    import os
     from collections.abc import Coroutine
     from types import TracebackType
     from typing import TypeVar
 
     from typing_extensions import Self, Unpack
 
+    from ._access import Certificate, File
     from ._fleet import ServerInfo
     from .aio import Part
     from .options import Calibration, MatchOptions, ServiceOptions
@@ -35,10 +35,16 @@ class Client:
     Parameters
     ----------
     url : str
-        `http://host:port` for one server; `zenoh://router:7447` for all servers behind a Zenoh router or beside a server, and
-        `zenoh://` for those that are found in the local network.
+        `http://host:port` or `https://host:port` for one server; `zenoh://router:7447` for all servers behind a Zenoh router or beside
+        a server, and `zenoh://` for those that are found in the local network.
     timeout_s : float
         How long a whole exchange may take before `NoAnswerError` is raised. Default 120.
+    token : str, optional
+        For HTTP, as `stereod token` prints it.
+    ca : path, optional
+        PEM file of the authority that has signed the certificate of an `https://` server. Default: those that this system trusts.
+    cert : path or (path, path), optional
+        PEM file of this client's certificate with its key, or one of each, for servers that ask for one.
     zenoh_config : path, optional
         A file with Zenoh's own configuration (JSON5): TLS, passwords, ..; endpoints of `url` win over its own.
 
@@ -50,9 +56,16 @@ class Client:
     """
 
     def __init__(
-        self, url: str, *, timeout_s: float = 120.0, zenoh_config: str | os.PathLike[str] | None = None
+        self,
+        url: str,
+        *,
+        timeout_s: float = 120.0,
+        token: str | None = None,
+        ca: File | None = None,
+        cert: Certificate | None = None,
+        zenoh_config: File | None = None,
     ) -> None:
-        self._async = AsyncClient(url, timeout_s=timeout_s, zenoh_config=zenoh_config)
+        self._async = AsyncClient(url, timeout_s=timeout_s, token=token, ca=ca, cert=cert, zenoh_config=zenoh_config)
         self._background = Background()
 
     @property

@@ -31,6 +31,10 @@ class UnreachableError(StereoError, ConnectionError):
     """No connection to the server: a wrong address, or a server that is down."""
 
 
+class InsecureConnectionError(UnreachableError):
+    """TLS does not trust who answers, or they don't trust this client."""
+
+
 class NoServerError(UnreachableError):
     """The network is there, but no server on it."""
 
