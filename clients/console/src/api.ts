@@ -4,6 +4,7 @@ import { fromBinary, toBinary } from "@bufbuild/protobuf";
 import { type StereoRequest, StereoRequestSchema } from "./gen/stereo/v1/request_pb.ts";
 import { type StereoResult, StereoResultSchema } from "./gen/stereo/v1/result_pb.ts";
 import { type StreamView, StreamViewSchema } from "./gen/stereo/v1/stream_pb.ts";
+import { credentials } from "./door.ts";
 
 const PROTOBUF = "application/x-protobuf";
 /** Results as protobuf; refusals for people. */
@@ -79,10 +80,10 @@ async function read(response: Response): Promise<Uint8Array> {
 }
 
 /** A good response, or why there is none. */
-async function ask(path: string, init: RequestInit): Promise<Response> {
+export async function ask(path: string, init: RequestInit): Promise<Response> {
   let response: Response;
   try {
-    response = await fetch(path, init);
+    response = await fetch(path, { ...init, headers: { ...init.headers, ...credentials() } });
   } catch (error) {
     throw unreachable(error);
   }

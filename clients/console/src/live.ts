@@ -117,8 +117,7 @@ export class LivePage {
     this.#views.clear("Waiting for a frame.");
     say(this.#problem, "");
     const { signal } = this.#watch;
-    const end = follow(camera, (event) => this.#timeline.add(event));
-    signal.addEventListener("abort", end);
+    void follow(camera, signal, (event) => this.#timeline.add(event));
     const drawing = setInterval(() => this.#draw(), DRAW_EVERY_MS);
     signal.addEventListener("abort", () => clearInterval(drawing));
     this.#draw();
@@ -181,7 +180,8 @@ function showFleet(element: HTMLElement, zenoh: Network): void {
 
 function showCounts(element: HTMLElement, { frames, images, rates, last_error }: Stream): void {
   const rows = [
-    ["answered", grouped(frames.answered)],
+    ["answered in budget", grouped(frames.answered - frames.answered_late)],
+    ["answered late", grouped(frames.answered_late)],
     ...Object.entries(frames.dropped).map(([reason, dropped]) => [`dropped: ${inWords(reason)}`, grouped(dropped)]),
     ["lost on the way to the server", grouped(frames.lost)],
     ["results not sent: the one before was on its way", grouped(frames.unsent)],

@@ -1,8 +1,10 @@
 // The page: which of its parts is shown, and whether the server is there.
 
+import { sentence } from "./api.ts";
 import { find, say } from "./dom.ts";
 import { count } from "./format.ts";
-import { AWAY, follow } from "./health.ts";
+import { hasToken, install, isOpen, knock } from "./door.ts";
+import { AWAY, askNow, follow, type State } from "./health.ts";
 import { LivePage } from "./live.ts";
 import { TryPage } from "./try.ts";
 
@@ -36,6 +38,20 @@ addEventListener("hashchange", () => {
 });
 route();
 
+install(askNow);
+
+/** What keeps the page from working, and what to do. */
+function trouble(state: Exclude<State, { kind: "ready" }>): string {
+  switch (state.kind) {
+    case "away":
+      return AWAY;
+    case "locked":
+      return hasToken() ? state.why : "This server lets in nobody without a token: enter yours.";
+    case "waiting":
+      return sentence(`the server is not ready: ${state.why}`);
+  }
+}
+
 let isFirst = true;
 void follow((state, isBack) => {
   const server = find("#server");
@@ -46,8 +62,13 @@ void follow((state, isBack) => {
     text.textContent = `${instance} ${version}, ${count(workers, "worker")}, ${simd}`;
     say(find("#banner"), "");
   } else {
-    text.textContent = state.kind === "away" ? "no server" : "not ready";
-    say(find("#banner"), state.kind === "away" ? AWAY : `The server is not ready: ${state.why}.`);
+    text.textContent = { away: "no server", locked: "token needed", waiting: "not ready" }[state.kind];
+    say(find("#banner"), trouble(state));
+  }
+  if (state.kind === "locked") {
+    knock(state.why);
+  } else {
+    isOpen();
   }
   if (state.kind === "ready" && isFirst) {
     isFirst = false;

@@ -11,6 +11,8 @@ export interface Done {
   /** Whether the files are the server's own sample. */
   isSample: boolean;
   size: { width: number; height: number };
+  /** Whether the server asks for a token; the snippets take it from the variable that the command line has for it. */
+  needsToken: boolean;
   choice: Choice;
 }
 
@@ -33,6 +35,7 @@ export function asCurl(done: Done): string {
     ...fetched(done),
     `curl -s -F left=@${shell(done.left)} -F right=@${shell(done.right)} \\`,
     `     -F ${shell(`options=${JSON.stringify(options)}`)} \\`,
+    ...(done.needsToken ? ['     -H "Authorization: Bearer $STEREO_TOKEN" \\'] : []),
     `     -H 'Accept: image/png' ${shell(`${done.server}/v1/stereo?view=color`)} -o disparity_color.png`,
   ].join("\n");
 }
@@ -52,9 +55,10 @@ export function asPython(done: Done): string {
     calibration = `calibration = Calibration(focal_px=${focalPx}, cx_px=${cxPx}, cy_px=${cyPx}, baseline_m=${baselineM}, doffs_px=${doffsPx})\n`;
     named.push("calibration=calibration");
   }
-  return `from stereo_client import ${imports.join(", ")}
+  const token = done.needsToken ? ', token=environ["STEREO_TOKEN"]' : "";
+  return `${done.needsToken ? "from os import environ\n\n" : ""}from stereo_client import ${imports.join(", ")}
 
-${calibration}with Client(${python(done.server)}) as client:
+${calibration}with Client(${python(done.server)}${token}) as client:
     result = client.match(
         ${python(done.left)},
         ${python(done.right)},

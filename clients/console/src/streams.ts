@@ -1,8 +1,9 @@
 // Camera streams, as `GET /v1/streams` and its events tell of them.
 
 import { json, sentence } from "./api.ts";
+import { events } from "./events.ts";
 
-/** How long to wait before asking again for the events of a camera that isn't known, in ms. */
+/** How long to wait before asking again for the events of a camera: the server has gone, or doesn't know it yet, in ms. */
 const AGAIN_MS = 1000;
 
 /** A camera's stream. */
@@ -13,6 +14,7 @@ export interface Stream {
   frames: {
     received: number;
     answered: number;
+    answered_late: number;
     dropped: Record<string, number>;
     under_way: number;
     lost: number;
@@ -61,30 +63,23 @@ export type FrameEvent =
   | { kind: "result"; report: FrameReport }
   | { kind: "dropped"; reason: string; detail: string };
 
-/** Calls `told` for every frame of a camera until the returned function is called; reconnects by itself. */
-export function follow(camera: string, told: (event: FrameEvent) => void): () => void {
-  let source: EventSource;
-  let again: ReturnType<typeof setTimeout> | undefined;
-  const open = () => {
-    source = new EventSource(`v1/streams/${encodeURIComponent(camera)}/events`);
-    source.addEventListener("result", (event) => told({ kind: "result", report: JSON.parse(event.data).report }));
-    source.addEventListener("dropped", (event) => {
-      const { reason, detail } = JSON.parse(event.data);
-      told({ kind: "dropped", reason, detail });
-    });
-    source.addEventListener("error", () => {
-      // A lost connection comes back by itself. A server that has just started doesn't know the camera yet, and an answer of that kind
-      // is the end for the browser.
-      if (source.readyState === EventSource.CLOSED) {
-        again = setTimeout(open, AGAIN_MS);
+/** Calls `told` for every frame of a camera until `signal` ends it; reconnects by itself. */
+export async function follow(camera: string, signal: AbortSignal, told: (event: FrameEvent) => void): Promise<void> {
+  while (!signal.aborted) {
+    try {
+      for await (const { name, data } of events(`v1/streams/${encodeURIComponent(camera)}/events`, signal)) {
+        if (name === "result") {
+          told({ kind: "result", report: JSON.parse(data).report });
+        } else if (name === "dropped") {
+          const { reason, detail } = JSON.parse(data);
+          told({ kind: "dropped", reason, detail });
+        }
       }
-    });
-  };
-  open();
-  return () => {
-    clearTimeout(again);
-    source.close();
-  };
+    } catch {
+      // Whatever it was is told by what else asks for this camera.
+    }
+    await new Promise((resolve) => setTimeout(resolve, AGAIN_MS));
+  }
 }
 
 /** Why there are no streams to see; empty if there is no reason. */
@@ -98,5 +93,5 @@ export function whyNone({ streams: all, zenoh }: Streams): string {
   if (zenoh.state === "opening") {
     return zenoh.why ? sentence(zenoh.why) : "The Zenoh session is being opened.";
   }
-  return "No camera yet: one that puts frames to stereo/v1/frames/NAME appears here by itself.";
+  return "No camera yet: one that puts frames to stereo/v1/frames/NAME appears here by itself, such as `stereo stream FOLDER --camera NAME`.";
 }

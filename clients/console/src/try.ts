@@ -3,6 +3,7 @@
 import { type Answer, info, match, Refused, Unreachable } from "./api.ts";
 import { budgetMsAt, LAST_PLACE, placeOf } from "./budget.ts";
 import { find, say } from "./dom.ts";
+import { hasToken } from "./door.ts";
 import { ms } from "./format.ts";
 import { type CalibrationInput, type Choice, type Pair, readView, requestFor, type View, WrongFile } from "./pair.ts";
 import { BUDGETS_MS, middleRun, RUNS, type Run, showQuality } from "./quality.ts";
@@ -159,6 +160,7 @@ export class TryPage {
       left: pair.left.name,
       right: pair.right.name,
       isSample: this.#isSample,
+      needsToken: hasToken(),
       size: { width, height },
       choice,
     };

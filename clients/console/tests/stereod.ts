@@ -7,7 +7,8 @@ import { createInterface } from "node:readline";
 
 /** Cargo's target folder. */
 export const target = process.env.CARGO_TARGET_DIR ?? join(import.meta.dirname, "../../../target");
-const binary = join(target, "release/stereod");
+/** The server's program. */
+export const binary = join(target, "release/stereod");
 
 /** A running server. */
 export class Stereod {
@@ -34,6 +35,7 @@ export class Stereod {
   /** Where its cameras send their frames. */
   async zenohEndpoint(): Promise<string> {
     for (;;) {
+      // For everybody, also where tokens are asked for.
       const { zenoh } = await (await fetch(`${this.url}/readyz`)).json();
       if (zenoh?.locators?.[0]) {
         return zenoh.locators[0];

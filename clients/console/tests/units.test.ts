@@ -9,6 +9,7 @@ import { count, grouped, ms, short } from "../src/format.ts";
 import { DisparitySchema } from "../src/gen/stereo/v1/disparity_pb.ts";
 import { ImageEncoding, ImageSchema } from "../src/gen/stereo/v1/image_pb.ts";
 import { ExecutionReportSchema } from "../src/gen/stereo/v1/report_pb.ts";
+import { type ServerEvent, parse as parseEvent } from "../src/events.ts";
 import { depthM, rangeOf, readMaps } from "../src/maps.ts";
 import { encodingOf } from "../src/pair.ts";
 import { rgbaOf } from "../src/picture.ts";
@@ -116,6 +117,7 @@ describe("commands", () => {
     left: "it's left.png",
     right: "right.png",
     isSample: false,
+    needsToken: false,
     size: { width: 641, height: 481 },
     choice: { budgetMs: 50, preset: "fast", density: "dense", minConfidence: 0.5, calibration: { focalPx: 500, baselineM: 0.1 } },
   };
@@ -138,8 +140,28 @@ describe("commands", () => {
     expect(asPython(done)).toContain('budget_ms=50, preset="fast", density="dense", min_confidence=0.5, calibration=calibration');
   });
 
+  test("take the token from the environment, where the server asks for one", () => {
+    const secret = { ...done, needsToken: true };
+    expect(asCurl(secret)).toContain('-H "Authorization: Bearer $STEREO_TOKEN"');
+    expect(asPython(secret)).toMatch(/^from os import environ\n[^]*token=environ\["STEREO_TOKEN"\]/);
+    expect(asCurl(done) + asPython(done)).not.toMatch(/token/i);
+  });
+
   test("get the sample first", () => {
     expect(asCurl({ ...done, isSample: true, left: "left.jpg" })).toMatch(/^curl -s -O http:\/\/127.0.0.1:8080\/sample\/left.jpg/);
+  });
+});
+
+describe("events", () => {
+  test("have a name and data; comments have none", () => {
+    const cases: [string, ServerEvent][] = [
+      ["event: result\ndata: {}", { name: "result", data: "{}" }],
+      ["data:a\r\ndata: b", { name: "message", data: "a\nb" }],
+      [": still there", { name: "message", data: "" }],
+    ];
+    for (const [block, event] of cases) {
+      expect(parseEvent(block)).toEqual(event);
+    }
   });
 });
 
