@@ -215,7 +215,7 @@ def test_a_connection_that_was_closed_while_it_rested_is_replaced(program: str, 
     with Server.start(program, "--header-timeout-ms", "50") as server, Client(server.url) as client:
         match(client, scene)
         # Readable = the server has closed it.
-        resting = client._async._transport._http._idle[0]._socket
+        resting = client._async._transport._http._idle[0]._wire._socket
         select.select([resting], [], [])
         match(client, scene)
 
