@@ -48,6 +48,14 @@ fn the_wire_depends_on_prost_and_bytes_only() {
 }
 
 #[test]
+fn file_formats_depend_on_nothing_of_ours() {
+    assert_depends_only_on(
+        "stereo-surface",
+        &["stereo_surface", "bytemuck", "serde_json", "thiserror"],
+    );
+}
+
+#[test]
 fn clients_depend_on_the_wire_and_on_nothing_of_the_server() {
     for package in ["stereo-client", "stereo-cli"] {
         // The command line has no library: its own name is in the list as that of its binary, if at all.

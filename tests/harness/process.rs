@@ -24,18 +24,25 @@ pub fn target_dir() -> Result<PathBuf> {
 }
 
 /// What the server is built from, below the workspace's root.
-const SOURCES: [&str; 7] = [
+const SOURCES: [&str; 8] = [
     "server/build.rs",
     "server/src",
     "server/stereo/src",
     "server/scheduler/src",
     "proto/src",
+    "surface/src",
     "clients/console/dist",
     "Cargo.lock",
 ];
 
 /// What the command line is built from.
-const CLIENT_SOURCES: [&str; 4] = ["clients/cli/src", "clients/rust/src", "proto/src", "Cargo.lock"];
+const CLIENT_SOURCES: [&str; 5] = [
+    "clients/cli/src",
+    "clients/rust/src",
+    "proto/src",
+    "surface/src",
+    "Cargo.lock",
+];
 
 /// The server's release binary. `cargo test --workspace` has built it; if it isn't there or older than its sources, which
 /// happens when less than the workspace is built, cargo is asked for it once a process.

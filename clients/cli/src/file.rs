@@ -1,6 +1,5 @@
 //! Results as files.
 
-mod glb;
 mod map;
 mod surface;
 
@@ -128,7 +127,7 @@ fn encode(format: Format, left: &Image, result: &StereoResult) -> Result<Vec<u8>
         Format::Pfm => Ok(map::Map::of(result)?.pfm()),
         Format::Npy => Ok(map::Map::of(result)?.npy()),
         Format::Ply => Ok(surface::Surface::of(result)?.ply(left)),
-        Format::Glb => glb::encode(&surface::Surface::of(result)?, left),
+        Format::Glb => surface::Surface::of(result)?.glb(left),
     }
 }
 

@@ -38,6 +38,16 @@ impl Surface {
         }))
     }
 
+    /// The frame's surface as the file formats take it.
+    pub(crate) fn as_file(&self, frame: &MatchedFrame<'_>) -> stereo_surface::Surface<'_> {
+        stereo_surface::Surface {
+            points: &self.points,
+            triangles: &self.triangles,
+            is_metric: frame.request.calibration.is_some(),
+            generator: concat!("stereod ", env!("CARGO_PKG_VERSION")),
+        }
+    }
+
     /// Texture coordinates in an image of `shape`: 0 to 1 from the left and from the top edge; a pixel's centre is
     /// half a pixel from its edges.
     pub(crate) fn uvs(&self, shape: Shape) -> Vec<[f32; 2]> {

@@ -1,6 +1,7 @@
-//! The mesh as points in space, and as a PLY file.
+//! The mesh of a result as points in space, and as a file.
 
-use stereo_client::v1::{Image, MeshSpace, StereoResult};
+use stereo_client::v1::{Image, ImageEncoding, MeshSpace, StereoResult};
+use stereo_surface::Texture;
 
 use super::missing;
 use crate::failure::Failure;
@@ -59,39 +60,42 @@ impl Surface {
         Ok(surface)
     }
 
-    /// A binary PLY file with the left image's colours, if they can be read.
+    fn as_file(&self) -> stereo_surface::Surface<'_> {
+        stereo_surface::Surface {
+            points: &self.points,
+            triangles: &self.triangles,
+            is_metric: self.is_metric,
+            generator: concat!("stereo ", env!("CARGO_PKG_VERSION")),
+        }
+    }
+
+    /// A GLB file, textured with the left image.
+    pub(super) fn glb(&self, left: &Image) -> Result<Vec<u8>, Failure> {
+        let texture = Texture {
+            file: &left.data,
+            media_type: match left.encoding() {
+                ImageEncoding::Jpeg => "image/jpeg",
+                _ => "image/png",
+            },
+            uvs: &self.uvs,
+        };
+        let file = self.as_file().glb(texture);
+        file.map_err(|why| Failure::failed(format!("{why}: ask for fewer triangles")))
+    }
+
+    /// A PLY file with the left image's colours, if they can be read.
     pub(super) fn ply(&self, left: &Image) -> Vec<u8> {
         let picture = image::load_from_memory(&left.data)
             .ok()
             .map(image::DynamicImage::into_rgb8);
-        let colors = match picture {
-            Some(_) => "property uchar red\nproperty uchar green\nproperty uchar blue\n",
-            None => "",
-        };
-        let space = match self.is_metric {
-            true => "metres in the left camera's frame: x right, y down, z forward",
-            false => "not calibrated: x = column and y = row in px, z = -disparity in px",
-        };
-        let mut file = format!(
-            "ply\nformat binary_little_endian 1.0\ncomment {space}\nelement vertex {}\nproperty float x\nproperty float y\n\
-             property float z\n{colors}element face {}\nproperty list uchar uint vertex_indices\nend_header\n",
-            self.points.len(),
-            self.triangles.len()
-        )
-        .into_bytes();
-        for (point, &uv) in self.points.iter().zip(&self.uvs) {
-            file.extend(point.map(f32::to_le_bytes).as_flattened());
-            if let Some(picture) = &picture {
-                let [x, y] =
-                    [(uv[0], picture.width()), (uv[1], picture.height())].map(|(at, side)| pixel(at, side));
-                file.extend(picture.get_pixel(x, y).0);
-            }
-        }
-        for triangle in &self.triangles {
-            file.push(3);
-            file.extend(triangle.map(u32::to_le_bytes).as_flattened());
-        }
-        file
+        let colors: Option<Vec<[u8; 3]>> = picture.map(|picture| {
+            let color = |&[u, v]: &[f32; 2]| {
+                let [x, y] = [(u, picture.width()), (v, picture.height())].map(|(at, side)| pixel(at, side));
+                picture.get_pixel(x, y).0
+            };
+            self.uvs.iter().map(color).collect()
+        });
+        self.as_file().ply(colors.as_deref())
     }
 }
 
