@@ -1,7 +1,8 @@
 //! `cargo demo`: a real pair to a real server over HTTP; writes the disparity, the picture and the mesh, and compares
-//! with the ground truth. Then the pair as a camera over Zenoh.
+//! with the ground truth. Then the pair as a camera over Zenoh, and a drive beside it where there is one.
 
 mod camera;
+mod film;
 
 use std::fmt::Write as _;
 use std::io::IsTerminal;
@@ -60,17 +61,36 @@ async fn main() -> Result<()> {
     };
     let mut text = demo.run(&scene).await?;
     println!("Streaming it as a camera over Zenoh ..");
-    let camera = camera::Camera::connect(server.url(), &scene).await?;
+    let camera = camera::Camera::connect(server.url(), film::Film::pair(&scene)).await?;
     text += &camera.measure().await?;
     println!("{text}");
     if std::io::stdout().is_terminal() && !args.once {
+        let drive = match film::Film::drive()? {
+            Some(film) => Some(camera::Camera::connect(server.url(), film).await?),
+            None => None,
+        };
+        let cameras = if drive.is_some() {
+            "the cameras `demo` and `drive`"
+        } else {
+            "the camera `demo`"
+        };
         println!(
-            "Look at {}/ : the console matches pairs of yours, and shows the camera live. Ctrl-C ends both.",
+            "Look at {}/ : the console matches pairs of yours, and shows {cameras} live. Ctrl-C ends it all.",
             server.url()
         );
+        let driving = async {
+            match &drive {
+                Some(drive) => drive.play().await,
+                None => std::future::pending().await,
+            }
+        };
         tokio::select! {
             ended = camera.play() => ended?,
+            ended = driving => ended?,
             pressed = tokio::signal::ctrl_c() => pressed?,
+        }
+        if let Some(drive) = drive {
+            drive.close().await?;
         }
     }
     camera.close().await?;

@@ -8,6 +8,7 @@
 pub mod dataset;
 pub mod degrade;
 pub mod gray;
+pub mod http;
 pub mod machine;
 pub mod matching;
 pub mod process;

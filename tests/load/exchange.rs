@@ -45,7 +45,7 @@ impl Exchange {
             base.scheme() == "http",
             "the server's address must start with http://, got `{url}`"
         );
-        let mut http = reqwest::Client::builder()
+        let mut http = stereo_tests::http::builder()
             .pool_idle_timeout(REST)
             .connect_timeout(PATIENCE);
         if is_this_machine(&base) {

@@ -99,7 +99,7 @@ async fn soak(
     tally: &Arc<Tally>,
     bar: &ProgressBar,
 ) -> Result<(Vec<Sample>, Vec<String>)> {
-    let http = reqwest::Client::builder().no_proxy().build()?;
+    let http = stereo_tests::http::builder().no_proxy().build()?;
     let endpoint = endpoint(server.url()).await?;
     let look = async |seconds: f64| Sample::take(server, &http, seconds, tally.counts()).await;
     let before = look(0.0).await?;

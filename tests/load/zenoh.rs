@@ -88,7 +88,7 @@ fn publish(args: &Args, name: &str, table: &str) -> Result<()> {
 /// What the server at `url` says at `path`.
 async fn get(url: &str, path: &str) -> Result<Value> {
     // A proxy of the environment would look for the server on its own machine.
-    let http = reqwest::Client::builder().no_proxy().build()?;
+    let http = stereo_tests::http::builder().no_proxy().build()?;
     let body = http.get(format!("{url}{path}")).send().await?.bytes().await?;
     serde_json::from_slice(&body).with_context(|| format!("{url}{path} answered no JSON"))
 }

@@ -276,7 +276,7 @@ fn message_without_budget() -> v1::StereoRequest {
 async fn heads_that_make_no_sense_for_a_batch_are_refused() {
     let server = Server::start(&[]);
     let url = format!("{}/v1/stereo/batch", server.process.url());
-    let http = reqwest::Client::builder()
+    let http = stereo_tests::http::builder()
         .no_proxy()
         .timeout(Duration::from_secs(60))
         .build()

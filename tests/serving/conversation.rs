@@ -50,7 +50,7 @@ impl Server {
     pub(crate) fn with_workers(count: &str, args: &[&str]) -> Self {
         let args = [&["--workers", count], args].concat();
         // A proxy of the environment would not find a server on this machine.
-        let http = reqwest::Client::builder()
+        let http = stereo_tests::http::builder()
             .no_proxy()
             .build()
             .expect("a client without any setting");

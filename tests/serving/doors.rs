@@ -66,7 +66,7 @@ fn start(test: &str, config: &str) -> Stereod {
 }
 
 fn http() -> Client {
-    Client::builder()
+    stereo_tests::http::builder()
         .no_proxy()
         .build()
         .expect("a client without any setting")
@@ -314,7 +314,7 @@ async fn tokens_are_in_no_log_and_names_are_in_the_access_records() {
         &["--http", "127.0.0.1:0", "--log", "trace", "--config", file.path()],
     );
     let http1 = http();
-    let http2 = Client::builder()
+    let http2 = stereo_tests::http::builder()
         .no_proxy()
         .http2_prior_knowledge()
         .build()

@@ -11,7 +11,7 @@ use crate::conversation::{PROTOBUF, Server, message};
 
 /// A request by HTTP/2 and nothing else.
 fn post(server: &Server, path: &str, body: reqwest::Body) -> reqwest::RequestBuilder {
-    let client = reqwest::Client::builder()
+    let client = stereo_tests::http::builder()
         .no_proxy()
         .http2_prior_knowledge()
         .build()

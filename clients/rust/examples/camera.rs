@@ -26,9 +26,7 @@ async fn main() -> Result<(), Box<dyn std::error::Error>> {
     let fleet = Fleet::connect(&[&router]).await?;
     let results = fleet.results("front").await?;
     let camera = fleet.camera("front").await?;
-    while !camera.is_served().await? {
-        tokio::time::sleep(Duration::from_millis(20)).await;
-    }
+    camera.until_served(Duration::from_secs(5)).await?;
     for sequence in 1..=30 {
         camera
             .send(&StereoRequest {
@@ -36,7 +34,11 @@ async fn main() -> Result<(), Box<dyn std::error::Error>> {
                 ..pair.clone()
             })
             .await?;
-        let report = results.next().await?.report.unwrap_or_default();
+        let report = results
+            .next_within(Duration::from_secs(5))
+            .await?
+            .report
+            .unwrap_or_default();
         println!("frame {sequence}: {} by {}", report.rung, report.instance);
     }
     Ok(())

@@ -14,7 +14,7 @@ use stereo_proto::v1::batch_reply::Outcome;
 use tokio::sync::oneshot;
 
 use crate::ClientError;
-use crate::client::chain;
+use crate::client::root_cause;
 use crate::compression::decompress;
 
 /// A varint of 64 bits has at most this many bytes.
@@ -114,7 +114,7 @@ impl Stream for BatchReplies {
                 Some(Ok(piece)) => self.arrived.extend_from_slice(&piece),
                 Some(Err(error)) => {
                     self.is_over = true;
-                    return Poll::Ready(Some(Err(self.interrupted(chain(&error)))));
+                    return Poll::Ready(Some(Err(self.interrupted(root_cause(&error)))));
                 }
                 None => {
                     self.is_over = true;

@@ -9,13 +9,15 @@ use std::time::{Duration, Instant};
 use bytes::Bytes;
 use futures_util::{Stream, StreamExt, stream};
 use prost::Message;
-use reqwest::header::{ACCEPT, CONTENT_TYPE, HeaderMap};
+use reqwest::header::{ACCEPT, AUTHORIZATION, CONTENT_TYPE, HeaderMap};
 use reqwest::multipart::{Form, Part};
+use reqwest::redirect::Policy;
 use reqwest::{RequestBuilder, Response, Url};
 use serde::de::DeserializeOwned;
 use stereo_proto::v1::{Status, StereoRequest, StereoResult};
 use tokio::sync::oneshot;
 
+use crate::access::{Access, tls_trouble};
 use crate::compression::decompress;
 use crate::error::status_from_problem_json;
 use crate::{Accept, BatchReplies, ClientError, Info, Readiness, Reply, StageTimes, Streams};
@@ -36,6 +38,8 @@ const READY_INTERVAL: Duration = Duration::from_millis(20);
 pub struct Client {
     base: Url,
     http: reqwest::Client,
+    /// Whether there is a certificate to be shown.
+    has_identity: bool,
 }
 
 /// A pair as image files, and what is wanted of it.
@@ -53,25 +57,51 @@ impl Client {
     /// A client of the server at `url`, such as `http://127.0.0.1:8080`. Nothing is sent yet.
     ///
     /// # Errors
-    /// [`ClientError::BadUrl`] if it is no http address.
+    /// [`ClientError::BadUrl`] if it is no http or https address.
     pub fn new(url: &str) -> Result<Self, ClientError> {
+        Self::with_access(url, &Access::default())
+    }
+
+    /// A client that shows a token, trusts an authority, or has a certificate of its own.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new), and [`ClientError::BadAccess`] if something in `access` can't be used.
+    pub fn with_access(url: &str, access: &Access) -> Result<Self, ClientError> {
         let bad = |why: String| ClientError::BadUrl {
             url: url.to_owned(),
             why,
         };
         let base = Url::parse(url).map_err(|why| bad(why.to_string()))?;
-        if base.scheme() != "http" || base.host_str().is_none() {
-            return Err(bad("it must start with http:// and name a host".to_owned()));
+        let is_secure = base.scheme() == "https";
+        if !(is_secure || base.scheme() == "http") || base.host_str().is_none() {
+            return Err(bad(
+                "it must start with http:// or https:// and name a host".to_owned()
+            ));
         }
+        #[expect(clippy::disallowed_methods, reason = "TLS is given")]
         let mut http = reqwest::Client::builder()
+            .tls_backend_preconfigured(access.tls(is_secure)?)
+            .default_headers(
+                access
+                    .authorization()?
+                    .map(|token| (AUTHORIZATION, token))
+                    .into_iter()
+                    .collect(),
+            )
+            // A stereod sends nobody elsewhere; a token is for it alone.
+            .redirect(Policy::none())
             .connect_timeout(CONNECT_TIMEOUT)
             .timeout(EXCHANGE_TIMEOUT);
         if is_this_machine(&base) {
             // A proxy from the environment would look for the server on its own machine.
             http = http.no_proxy();
         }
-        let http = http.build().map_err(|why| bad(chain(&why)))?;
-        Ok(Self { base, http })
+        let http = http.build().map_err(|why| bad(root_cause(&why)))?;
+        Ok(Self {
+            base,
+            http,
+            has_identity: access.identity_pem.is_some(),
+        })
     }
 
     /// Matches one pair.
@@ -212,7 +242,7 @@ impl Client {
                     let body = answer.text().await.unwrap_or_default();
                     why = format!("HTTP {code} {}", body.chars().take(200).collect::<String>());
                 }
-                Err(error) => why = chain(&error),
+                Err(error) => why = root_cause(&error),
             }
             tokio::time::sleep(READY_INTERVAL.min(left)).await;
         }
@@ -248,9 +278,19 @@ impl Client {
 
     /// What the network did.
     fn failed(&self, error: &reqwest::Error) -> ClientError {
-        let (url, why) = (self.base.to_string(), chain(error));
+        let url = self.base.to_string();
+        if let Some(why) = tls_trouble(error) {
+            return ClientError::Insecure { url, why };
+        }
+        let why = root_cause(error);
         match error.is_connect() {
             true => ClientError::Unreachable { url, why },
+            false if is_no_http(error) => ClientError::NotHttp { url },
+            // By TLS 1.3, a server that misses a certificate says so after the handshake, and by closing may take its words back.
+            false if self.base.scheme() == "https" && !self.has_identity => ClientError::Interrupted {
+                url,
+                why: format!("{why}; or it asks for a certificate of its clients, and none was given"),
+            },
             false => ClientError::Interrupted { url, why },
         }
     }
@@ -260,6 +300,21 @@ impl Client {
         let url = self.base.to_string();
         refusal(content_type, body).map_or(ClientError::Unexpected { url, code }, ClientError::Refused)
     }
+}
+
+/// Whether what came is no HTTP.
+fn is_no_http(error: &reqwest::Error) -> bool {
+    let mut cause = std::error::Error::source(error);
+    while let Some(error) = cause {
+        if error
+            .downcast_ref::<hyper::Error>()
+            .is_some_and(hyper::Error::is_parse)
+        {
+            return true;
+        }
+        cause = error.source();
+    }
+    false
 }
 
 fn is_this_machine(url: &Url) -> bool {
@@ -297,12 +352,12 @@ fn refusal(content_type: &str, body: &Bytes) -> Option<Status> {
     }
 }
 
-/// An error with its causes, which say what happened.
-pub(crate) fn chain(error: &dyn std::error::Error) -> String {
+/// What happened at the bottom of an error; what lies above it only says that something did.
+pub(crate) fn root_cause(error: &dyn std::error::Error) -> String {
     let mut text = error.to_string();
     let mut cause = error.source();
     while let Some(error) = cause {
-        text = format!("{text}: {error}");
+        text = error.to_string();
         cause = error.source();
     }
     text

@@ -19,6 +19,14 @@ pub enum ClientError {
         /// What is wrong with it.
         why: String,
     },
+    /// A token or a certificate can't be used.
+    #[error("the {what} can't be used: {why}")]
+    BadAccess {
+        /// Which of them.
+        what: &'static str,
+        /// What is wrong with it, and what to do.
+        why: String,
+    },
     /// Nobody answers there.
     #[error("no answer from {url} ({why}): start the server or correct the address")]
     Unreachable {
@@ -26,6 +34,20 @@ pub enum ClientError {
         url: String,
         /// What the system said.
         why: String,
+    },
+    /// TLS does not trust who answers, or they don't trust this client.
+    #[error("no secure connection to {url}: {why}")]
+    Insecure {
+        /// Where it was tried.
+        url: String,
+        /// What is wrong, and what to do.
+        why: String,
+    },
+    /// Something else than a web server answers.
+    #[error("what answers at {url} does not speak HTTP: check host and port, or use https:// if it has TLS")]
+    NotHttp {
+        /// Who answered.
+        url: String,
     },
     /// The answer did not come whole or not in time.
     #[error("the answer of {url} was cut off ({why}): try again")]
@@ -60,6 +82,26 @@ pub enum ClientError {
         /// For how long.
         waited: Duration,
         /// The last thing that happened.
+        why: String,
+    },
+    /// No server takes the frames of a camera.
+    #[error(
+        "no server serves camera {camera} after {waited:?}: start one on this network, or ask `stereo doctor`"
+    )]
+    NotServed {
+        /// Whose frames.
+        camera: String,
+        /// For how long it was waited.
+        waited: Duration,
+    },
+    /// A camera gives no results.
+    #[error("no result of camera {camera} within {waited:?}: {why}")]
+    NoResults {
+        /// Whose results.
+        camera: String,
+        /// For how long they were waited for.
+        waited: Duration,
+        /// What is missing, and what to do.
         why: String,
     },
     /// The server did not become ready.

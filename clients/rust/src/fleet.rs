@@ -5,6 +5,7 @@ mod camera;
 mod presence;
 mod roster;
 
+use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -61,10 +62,33 @@ impl Fleet {
             "shared_memory": { "transport_optimization": { "messages": ["put"] } } },
         });
         let config = zenoh::Config::from_json5(&config.to_string()).map_err(|why| bad(why.to_string()))?;
+        Self::open(url, config).await
+    }
+
+    /// As [`connect`](Self::connect), with TLS, passwords and whatever else stands in a file of Zenoh's own configuration (JSON5); the
+    /// endpoints win over its own.
+    ///
+    /// # Errors
+    /// As [`connect`](Self::connect), and [`ClientError::BadAccess`] if Zenoh does not take the file.
+    pub async fn connect_with(endpoints: &[&str], config: &Path) -> Result<Self, ClientError> {
+        let bad = |why: zenoh::Error| ClientError::BadAccess {
+            what: "configuration of Zenoh",
+            why: format!("{why}: see Zenoh's own documentation"),
+        };
+        let endpoints_json = serde_json::json!(endpoints).to_string();
+        let mut config = zenoh::Config::from_file(config).map_err(bad)?;
+        config
+            .insert_json5("mode", "\"client\"")
+            .and_then(|()| config.insert_json5("connect/endpoints", &endpoints_json))
+            .map_err(bad)?;
+        Self::open(endpoints.join(","), config).await
+    }
+
+    async fn open(url: String, config: zenoh::Config) -> Result<Self, ClientError> {
         let session = zenoh::open(config)
             .await
             .map_err(|why| ClientError::Unreachable {
-                url: url.clone(),
+                url,
                 why: why.to_string(),
             })?;
         Self::over(session).await

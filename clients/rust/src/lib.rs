@@ -34,6 +34,7 @@
 //! ```
 #![forbid(unsafe_code)]
 
+mod access;
 mod batch;
 mod client;
 mod compression;
@@ -45,6 +46,7 @@ mod payload;
 mod reply;
 mod streams;
 
+pub use access::Access;
 pub use batch::BatchReplies;
 pub use client::{Client, PairFiles};
 pub use error::ClientError;

@@ -86,6 +86,9 @@ pub struct Frames {
     pub received: u64,
     /// Those with a result.
     pub answered: u64,
+    /// Those of them whose result was ready after their budget.
+    #[serde(default)]
+    pub answered_late: u64,
     /// Those without, by reason, such as `SUPERSEDED`.
     pub dropped: BTreeMap<String, u64>,
     /// Those that are neither yet.
@@ -101,6 +104,12 @@ impl Frames {
     #[must_use]
     pub fn dropped_total(&self) -> u64 {
         self.dropped.values().sum()
+    }
+
+    /// Frames with a result within their budget.
+    #[must_use]
+    pub fn in_budget(&self) -> u64 {
+        self.answered.saturating_sub(self.answered_late)
     }
 }
 
@@ -153,12 +162,13 @@ mod tests {
     fn a_stream_reads_as_the_server_writes_it() {
         let json = r#"{"streams": [{"camera": "front", "served": true, "settings_revision": 0,
             "rates": {"received_hz": 30.0, "answered_hz": 29.5},
-            "frames": {"received": 10, "answered": 7, "dropped": {"SUPERSEDED": 2, "EXPIRED": 1}, "under_way": 0, "lost": 3, "unsent": 0},
+            "frames": {"received": 10, "answered": 7, "answered_late": 2, "dropped": {"SUPERSEDED": 2, "EXPIRED": 1}, "under_way": 0, "lost": 3, "unsent": 0},
             "images": {"received": 0, "paired": 0, "unpaired": {}, "waiting": 0, "last_unpaired": []},
             "last_error": null, "last_result": null}],
             "zenoh": {"state": "open", "connections": 1}}"#;
         let streams: Streams = serde_json::from_str(json).unwrap();
-        assert_eq!(streams.streams[0].frames.dropped_total(), 3);
+        let frames = &streams.streams[0].frames;
+        assert_eq!((frames.dropped_total(), frames.in_budget()), (3, 5));
         assert_eq!(streams.zenoh.locators, Vec::<String>::new());
     }
 }

@@ -241,7 +241,7 @@ async fn nonsense(
     tally: Arc<Tally>,
     stop: watch::Receiver<bool>,
 ) -> Result<()> {
-    let http = reqwest::Client::builder().no_proxy().build()?;
+    let http = stereo_tests::http::builder().no_proxy().build()?;
     let send = |turn| {
         let (http, url, tally) = (http.clone(), url.clone(), Arc::clone(&tally));
         let good = pairs.get(turn);

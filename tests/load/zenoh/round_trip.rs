@@ -33,7 +33,7 @@ pub(super) async fn measure(url: &str, endpoint: &str) -> Result<String> {
     let provider = ShmProviderBuilder::default_backend(SHARED_BYTES)
         .wait()
         .map_err(|why| anyhow!("no shared memory: {why}"))?;
-    let http = reqwest::Client::builder().no_proxy().build()?;
+    let http = stereo_tests::http::builder().no_proxy().build()?;
     let mut others: [Vec<Duration>; WAYS.len()] = Default::default();
     let mut totals: [Vec<Duration>; WAYS.len()] = Default::default();
     for turn in 0..WARM_UP + COUNT {

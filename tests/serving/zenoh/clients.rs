@@ -152,3 +152,42 @@ async fn a_camera_sends_pairs_and_single_images_and_reads_its_results() {
     assert_eq!(result.sequence, Some(2));
     assert_is_of_the_pair(&result, &expected);
 }
+
+#[tokio::test(flavor = "multi_thread")]
+async fn what_a_camera_misses_is_told_instead_of_waited_for() {
+    let router = Router::start().await.expect("a router on a free port");
+    let fleet = Fleet::connect(&[router.endpoint()]).await.expect("a connection");
+    let results = fleet.results("front").await.expect("an open session");
+    let none = async |words: &str| {
+        let error = results
+            .next_within(Duration::from_millis(10))
+            .await
+            .expect_err("no frame");
+        assert!(matches!(error, ClientError::NoResults { .. }), "{error}");
+        assert!(error.to_string().contains(words), "{error}");
+    };
+    none("it is not there: start it").await;
+    let camera = fleet.camera("front").await.expect("an open session");
+    let error = camera
+        .until_served(Duration::from_millis(10))
+        .await
+        .expect_err("no server");
+    assert!(
+        error.to_string().contains("no server serves camera front"),
+        "{error}"
+    );
+    none("no server serves it: start one").await;
+    let server = serve(&router, "north", &[]);
+    camera
+        .until_served(Duration::from_mins(2))
+        .await
+        .expect("a server");
+    none("north serves it but has answered no frame: `stereo doctor --camera front`").await;
+    server.until_ready().await;
+    camera.send(&numbered(1)).await.expect("an open session");
+    let result = results
+        .next_within(Duration::from_mins(2))
+        .await
+        .expect("a result");
+    assert_eq!(result.sequence, Some(1));
+}

@@ -90,7 +90,10 @@ async fn events_tell_of_every_result_as_it_happens() {
     let network = Network::start(&[]).await;
     let camera = network.camera("front").await;
     let url = format!("{}/v1/streams/front/events", network.server.process.url());
-    let http = reqwest::Client::builder().no_proxy().build().expect("a client");
+    let http = stereo_tests::http::builder()
+        .no_proxy()
+        .build()
+        .expect("a client");
     let answer = http.get(url).send().await.expect("an answer");
     assert_eq!(
         answer.headers()["content-type"].to_str().expect("ASCII"),

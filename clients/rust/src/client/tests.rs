@@ -139,8 +139,42 @@ async fn nobody_there_says_to_start_the_server() {
     drop(listener);
     let error = client.info().await.unwrap_err();
     assert!(matches!(error, ClientError::Unreachable { .. }), "{error}");
+    let text = error.to_string();
+    assert!(
+        text.contains("(Connection refused") && text.contains("start the server"),
+        "{text}"
+    );
     let error = client.ready(Duration::from_millis(50)).await.unwrap_err();
     assert!(matches!(error, ClientError::NotReady { .. }), "{error}");
+}
+
+#[tokio::test]
+async fn what_is_no_web_server_and_who_sends_elsewhere_are_told() {
+    let (client, server) = serve_once(b"SSH-2.0-OpenSSH_9.2\r\n\r\n".to_vec());
+    let error = client.info().await.unwrap_err();
+    assert!(matches!(error, ClientError::NotHttp { .. }), "{error}");
+    server.join().unwrap();
+    let (client, server) = serve_once(answer("301 Moved\r\nlocation: http://127.0.0.1:1/", b""));
+    let error = client.info().await.unwrap_err();
+    assert!(
+        matches!(error, ClientError::Unexpected { code: 301, .. }),
+        "{error}"
+    );
+    server.join().unwrap();
+}
+
+#[tokio::test]
+async fn a_token_goes_with_every_request() {
+    let (plain, server) = serve_once(answer("200 OK", b"{}"));
+    let access = Access {
+        token: Some("stereod_abc".into()),
+        ..Access::default()
+    };
+    let client = Client::with_access(plain.base.as_str(), &access).unwrap();
+    client.ready(Duration::from_secs(10)).await.unwrap();
+    let sent = String::from_utf8_lossy(&server.join().unwrap()).into_owned();
+    assert!(sent.contains("authorization: Bearer stereod_abc\r\n"), "{sent}");
+    assert!(!format!("{client:?}").contains("abc"));
 }
 
 #[tokio::test]
@@ -167,7 +201,7 @@ async fn ready_server_is_waited_for_and_info_is_read() {
 
 #[test]
 fn addresses_that_are_none_are_refused_with_an_example() {
-    for url in ["", "127.0.0.1:8080", "ftp://host/", "https://host/", "http://"] {
+    for url in ["", "127.0.0.1:8080", "ftp://host/", "https://", "http://"] {
         let error = Client::new(url).unwrap_err();
         assert!(
             error.to_string().contains("http://127.0.0.1:8080"),
