@@ -253,6 +253,7 @@ impl Stream {
         self.metrics.stream_frame("OK");
         let mut state = lock(&self.state);
         state.counts.answered += 1;
+        state.counts.answered_late += u64::from(!reply.report.deadline_met);
         state.answered.tick(Instant::now());
         let answer = Arc::new(Answer {
             sequence,

@@ -23,6 +23,8 @@ pub(super) struct Counts {
     /// Frames: pairs in one message, and those made of two images.
     pub(super) frames: u64,
     pub(super) answered: u64,
+    /// Those of them that were done after their budget.
+    pub(super) answered_late: u64,
     /// By reason.
     pub(super) dropped: BTreeMap<&'static str, u64>,
     /// Frames whose numbers were left out: they never came.

@@ -5,9 +5,16 @@ fn streams() -> Streams {
 }
 
 fn reply() -> FrameReply {
+    reply_that(true)
+}
+
+fn reply_that(deadline_met: bool) -> FrameReply {
     FrameReply {
         bodies: vec![Bytes::from_static(b"body")],
-        report: Report::default(),
+        report: Report {
+            deadline_met,
+            ..Report::default()
+        },
         costs: None,
     }
 }
@@ -29,6 +36,21 @@ fn every_frame_is_answered_dropped_or_under_way() {
     assert_eq!(frames["dropped"]["SUPERSEDED"], 2);
     assert_eq!(frames["under_way"], 2);
     assert_eq!(view["last_result"]["sequence"], 1);
+}
+
+#[test]
+fn answers_after_the_budget_are_answers_and_late() {
+    let streams = streams();
+    let stream = streams.open("front").unwrap();
+    for deadline_met in [true, false, true] {
+        stream.received(false);
+        stream.answered(None, &[ReplyFormat::Protobuf], reply_that(deadline_met));
+    }
+    let frames = &serde_json::json!(StreamView::of(&stream))["frames"];
+    assert_eq!(
+        (&frames["answered"], &frames["answered_late"]),
+        (&3.into(), &1.into())
+    );
 }
 
 #[test]

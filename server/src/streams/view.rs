@@ -48,6 +48,8 @@ struct Rates {
 struct Frames {
     received: u64,
     answered: u64,
+    /// Of those answered: after their budget.
+    answered_late: u64,
     /// By reason.
     dropped: BTreeMap<&'static str, u64>,
     under_way: u64,
@@ -123,6 +125,7 @@ impl StreamView {
             frames: Frames {
                 received: counts.frames,
                 answered: counts.answered,
+                answered_late: counts.answered_late,
                 dropped: counts.dropped.clone(),
                 under_way: counts.frames.saturating_sub(counts.answered + dropped),
                 lost: counts.lost,
