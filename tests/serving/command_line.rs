@@ -23,6 +23,10 @@ pub(crate) fn stereo(server: &str, args: &[&str]) -> Said {
 pub(crate) struct Said(Output);
 
 impl Said {
+    pub(crate) fn new(output: Output) -> Self {
+        Self(output)
+    }
+
     pub(crate) fn stdout(&self) -> String {
         String::from_utf8(self.0.stdout.clone()).expect("text")
     }
@@ -199,6 +203,26 @@ async fn a_file_is_of_the_kind_that_its_ending_says() {
     assert_eq!(line["report"]["rung"], "mesh-16");
     assert_eq!(line["files"][0], file);
     assert!(folder.read("x.glb").starts_with(b"glTF"));
+}
+
+#[tokio::test]
+async fn with_a_calibration_the_mesh_is_in_metres() {
+    let server = Server::start(&[]);
+    let folder = Folder::new("calibration");
+    let [left, right] = two_files(&folder);
+    let camera = folder.write(
+        "right.yaml",
+        b"projection_matrix:\n  rows: 3\n  cols: 4\n  data: [400., 0., 256., -40., 0., 400., 160., 0., 0., 0., 1., 0.]\n",
+    );
+    let file = folder.path("mesh.ply");
+    let args = ["match", &left, &right, "--budget", "60s", "-o", &file];
+    stereo(server.process.url(), &args).assert(0, &[]);
+    assert!(String::from_utf8_lossy(&folder.read("mesh.ply")).contains("comment not calibrated"));
+    let calibrated = [&args[..], &["--calibration", &camera]].concat();
+    stereo(server.process.url(), &calibrated).assert(0, &[]);
+    assert!(String::from_utf8_lossy(&folder.read("mesh.ply")).contains("comment metres"));
+    let wrong = [&args[..], &["--calibration", &left]].concat();
+    stereo(server.process.url(), &wrong).assert(2, &["--calibration", "camera_info"]);
 }
 
 #[tokio::test]

@@ -28,6 +28,7 @@ mod offline;
 mod options;
 mod replies;
 mod rough_clients;
+mod secure;
 mod shares;
 mod split_frames;
 mod tls;

@@ -16,7 +16,18 @@ use crate::server::Address;
 pub(crate) struct Cli {
     #[command(subcommand)]
     pub(crate) command: Command,
-    /// Where the server is: http://HOST:PORT, or zenoh://HOST:PORT for all servers of a Zenoh network.
+    #[command(flatten)]
+    pub(crate) server: ServerArgs,
+    /// Print JSON, one object a line, and nothing else. Failures are objects too, with `error` and `exit_code`.
+    #[arg(long, global = true)]
+    pub(crate) json: bool,
+}
+
+/// Where the server is, and how it is reached.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Server")]
+pub(crate) struct ServerArgs {
+    /// Where it is: http://HOST:PORT, https://HOST:PORT, or zenoh://HOST:PORT for all servers of a Zenoh network.
     #[arg(
         long,
         global = true,
@@ -25,9 +36,27 @@ pub(crate) struct Cli {
         value_name = "ADDRESS"
     )]
     pub(crate) server: Address,
-    /// Print JSON, one object a line, and nothing else. Failures are objects too, with `error` and `exit_code`.
-    #[arg(long, global = true)]
-    pub(crate) json: bool,
+    /// Token for HTTP, as `stereod token` prints it, or @FILE with it.
+    #[arg(
+        long,
+        global = true,
+        env = "STEREO_TOKEN",
+        hide_env_values = true,
+        value_name = "TOKEN|@FILE"
+    )]
+    pub(crate) token: Option<String>,
+    /// Certificate (PEM) of the authority that the server's is signed by [default: those that this system trusts].
+    #[arg(long, global = true, env = "STEREO_CA", value_name = "FILE")]
+    pub(crate) ca: Option<PathBuf>,
+    /// Certificate (PEM) of this client, for servers that ask for one; with its key, or that in --key.
+    #[arg(long, global = true, env = "STEREO_CERT", value_name = "FILE")]
+    pub(crate) cert: Option<PathBuf>,
+    /// Private key (PEM) of --cert.
+    #[arg(long, global = true, env = "STEREO_KEY", value_name = "FILE")]
+    pub(crate) key: Option<PathBuf>,
+    /// Zenoh's own configuration (JSON5), for its TLS and passwords.
+    #[arg(long, global = true, env = "STEREO_ZENOH_CONFIG", value_name = "FILE")]
+    pub(crate) zenoh_config: Option<PathBuf>,
 }
 
 #[derive(Debug, Subcommand)]
@@ -84,6 +113,10 @@ pub(crate) struct MatchingArgs {
     /// Let the server match at half resolution rather than refuse.
     #[arg(long)]
     pub(crate) allow_downscale: bool,
+    /// Calibration, for metres: JSON (focal_px, cx_px, cy_px, baseline_m, doffs_px), KITTI's or Middlebury's text, or ROS' camera_info of
+    /// the right camera (given twice: left and right).
+    #[arg(long, value_name = "FILE")]
+    pub(crate) calibration: Vec<PathBuf>,
     /// Any other option, as JSON with the names it has over HTTP, or @FILE with that; flags win.
     #[arg(long, value_name = "JSON|@FILE")]
     pub(crate) options: Option<String>,

@@ -110,15 +110,19 @@ impl fmt::Display for Failure {
 impl From<ClientError> for Failure {
     fn from(error: ClientError) -> Self {
         let kind = match &error {
-            ClientError::BadUrl { .. } => Kind::Usage,
+            ClientError::BadUrl { .. } | ClientError::BadAccess { .. } => Kind::Usage,
             ClientError::Unreachable { .. }
+            | ClientError::Insecure { .. }
+            | ClientError::NotHttp { .. }
             | ClientError::Interrupted { .. }
             | ClientError::Unavailable { .. }
+            | ClientError::NotServed { .. }
             | ClientError::NotReady { .. } => Kind::Unreachable,
             ClientError::Refused(_) => Kind::Refused,
-            ClientError::Unexpected { .. } | ClientError::Malformed(_) | ClientError::Network(_) => {
-                Kind::Failed
-            }
+            ClientError::Unexpected { .. }
+            | ClientError::Malformed(_)
+            | ClientError::Network(_)
+            | ClientError::NoResults { .. } => Kind::Failed,
         };
         let reason = error.status().map(|status| {
             let name = status.reason().as_str_name();

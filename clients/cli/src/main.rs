@@ -2,6 +2,7 @@
 #![forbid(unsafe_code)]
 
 mod args;
+mod calibration;
 mod command;
 mod failure;
 mod file;
@@ -20,6 +21,7 @@ use clap::{CommandFactory, Parser};
 use crate::args::{Cli, Command};
 use crate::failure::Failure;
 use crate::output::Output;
+use crate::server::Place;
 
 fn main() -> ExitCode {
     let cli = match Cli::try_parse() {
@@ -76,17 +78,20 @@ fn misused(error: &clap::Error) -> ExitCode {
 }
 
 async fn run(cli: Cli, output: Output) -> Result<(), Failure> {
-    let server = &cli.server;
+    if let Command::Completions { shell } = cli.command {
+        let mut script = Vec::new();
+        clap_complete::generate(shell, &mut Cli::command(), "stereo", &mut script);
+        let script = String::from_utf8_lossy(&script);
+        output.json(&serde_json::json!({ "shell": shell.to_string(), "script": script }))?;
+        return output.text(script.trim_end());
+    }
+    let server = &Place::new(cli.server)?;
     match cli.command {
         Command::Match(args) => command::matching::run(args, server, output).await,
         Command::Batch(args) => command::batch::run(args, server, output).await,
         Command::Bench(args) => command::bench::run(args, server, output).await,
         Command::Info => command::info::run(server, output).await,
-        Command::Completions { shell } => {
-            let mut script = Vec::new();
-            clap_complete::generate(shell, &mut Cli::command(), "stereo", &mut script);
-            output::print(String::from_utf8_lossy(&script).trim_end())
-        }
+        Command::Completions { .. } => Ok(()),
         Command::Stream(args) => command::stream::run(args, server, output).await,
         Command::Watch(args) => command::watch::run(args, server, output).await,
         Command::Doctor(args) => command::doctor::run(args, server, output).await,

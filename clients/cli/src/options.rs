@@ -1,11 +1,13 @@
 //! Options of a request: from JSON, as over HTTP, and from flags, which win.
 
+use std::path::Path;
 use std::time::Duration;
 
 use serde::Deserialize;
 use stereo_client::v1;
 
 use crate::args::MatchingArgs;
+use crate::calibration;
 use crate::failure::Failure;
 
 /// What all requests of a command have in common.
@@ -16,12 +18,13 @@ pub(crate) struct Wanted {
 }
 
 impl Wanted {
-    /// What the command line asks for.
-    pub(crate) fn from_args(args: &MatchingArgs) -> Result<Self, Failure> {
+    /// What the command line asks for, of pairs such as that of `left_image`.
+    pub(crate) fn from_args(args: &MatchingArgs, left_image: &Path) -> Result<Self, Failure> {
         let mut wanted = match &args.options {
             Some(given) => parse(&text_of(given)?)?,
             None => Self::default(),
         };
+        wanted.calibration = calibration::read(&args.calibration, left_image)?.or(wanted.calibration);
         let options = &mut wanted.options;
         if let Some(budget) = args.budget {
             options.latency_budget = budget.try_into().ok();

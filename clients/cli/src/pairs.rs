@@ -68,6 +68,11 @@ pub(crate) fn find(left: &Path, right: Option<&Path>) -> Result<Vec<Pair>, Failu
     Ok(pairs)
 }
 
+/// The left image of the first pair.
+pub(crate) fn first_left(pairs: &[Pair]) -> &Path {
+    pairs.first().map_or(Path::new(""), |pair| &pair.left)
+}
+
 fn in_folder(folder: &Path) -> Result<Vec<Pair>, Failure> {
     for (left, right) in FOLDERS {
         let (left, right) = (folder.join(left), folder.join(right));

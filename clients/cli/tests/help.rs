@@ -36,6 +36,10 @@ fn every_shell_gets_completions() {
             output.status.success() && script.contains("doctor"),
             "{shell}: {script}"
         );
+        let json = stereo(&["completions", shell, "--json"]).stdout;
+        let object: serde_json::Value = serde_json::from_slice(&json).expect("one object");
+        let same = object["script"].as_str().map(str::trim_end);
+        assert_eq!(same, Some(script.trim_end()), "{shell}");
     }
 }
 

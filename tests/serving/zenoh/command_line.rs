@@ -3,7 +3,7 @@
 use serde_json::Value;
 use stereo_tests::zenoh::{Router, client};
 
-use super::network::{Network, serve, until_alive};
+use super::network::{Network, serve, stamp, until_alive};
 use crate::command_line::{Folder, stereo};
 use crate::conversation::{PAIR, message};
 
@@ -74,8 +74,13 @@ async fn a_folder_plays_as_a_camera_and_watch_shows_it() {
     said.assert(0, &[]);
     let [sight] = said.json().try_into().expect("one line");
     assert_eq!(sight["streams"][0]["camera"], "front");
-    assert_eq!(sight["streams"][0]["frames"]["received"], 4, "{sight}");
-    stereo(url, &["watch", "--once"]).assert(0, &["front", "answered %", "stereod"]);
+    let frames = &sight["streams"][0]["frames"];
+    assert_eq!(
+        (&frames["received"], &frames["answered_late"]),
+        (&4.into(), &0.into()),
+        "{sight}"
+    );
+    stereo(url, &["watch", "--once"]).assert(0, &["front", "in budget %", "late", "stereod"]);
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -131,6 +136,96 @@ async fn doctor_finds_that_a_camera_is_missing_silent_or_well() {
         "{lines:?}"
     );
     assert_eq!(lines.last().expect("a summary")["failed"], 0);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn doctor_finds_images_without_their_other_half() {
+    let network = Network::start(&[]).await;
+    network.server.until_ready().await;
+    let camera = network.camera("front").await;
+    let url = network.server.process.url().to_owned();
+    let args = [
+        "doctor", "--json", "--size", "64x64", "--rate", "0.1", "--budget", "60s", "--watch", "2s",
+    ];
+    let asked = tokio::task::spawn_blocking(move || stereo(&url, &args));
+    for number in 0.. {
+        if asked.is_finished() {
+            break;
+        }
+        camera
+            .put_raw("/left", "image/png", PAIR.left.clone(), stamp(number))
+            .await;
+        // What has been sent is there when the server is asked.
+        network.stream("front").await;
+    }
+    let said = asked.await.expect("a program that ends");
+    said.assert(1, &[]);
+    let lines = said.json();
+    assert_eq!(check(&lines, "frames of front arrive")["ok"], true, "{lines:?}");
+    let unpaired = check(&lines, "images of front paired");
+    assert_eq!(unpaired["ok"], false, "{lines:?}");
+    assert!(
+        unpaired["found"]
+            .as_str()
+            .is_some_and(|text| text.contains("same sequence")),
+        "{unpaired}"
+    );
+    assert_eq!(lines.last().expect("a summary")["failed"], 1, "{lines:?}");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn doctor_finds_a_router_that_is_down_one_without_servers_and_a_link_that_is_too_slow() {
+    let network = Network::start(&[]).await;
+    network.server.until_ready().await;
+    let url = network.server.process.url();
+    let lonely = Router::start().await.expect("a router on a free port");
+    // No link carries 2 MB ten thousand times a second.
+    let args = [
+        "doctor",
+        "--json",
+        "--size",
+        "1024x1024",
+        "--rate",
+        "10000",
+        "--budget",
+        "60s",
+    ];
+    for (router, failed, words) in [
+        ("tcp/127.0.0.1:1", "router reachable", "start the router"),
+        (
+            lonely.endpoint(),
+            "servers alive",
+            "start one with --zenoh-connect",
+        ),
+    ] {
+        let said = stereo(url, &[&args[..], &["--router", router]].concat());
+        said.assert(3, &[]);
+        let lines = said.json();
+        for (name, words) in [
+            (failed, words),
+            ("link fast enough", "send JPEG or smaller images"),
+        ] {
+            let check = check(&lines, name);
+            assert_eq!(check["ok"], false, "{lines:?}");
+            assert!(
+                check["found"].as_str().is_some_and(|text| text.contains(words)),
+                "{check}"
+            );
+        }
+    }
+    let said = stereo(
+        url,
+        &["doctor", "--json", "--size", "1024x1024", "--budget", "1ms"],
+    );
+    let lines = said.json();
+    let late = check(&lines, "a pair in budget");
+    assert_eq!(late["ok"], false, "{lines:?}");
+    assert!(
+        late["found"]
+            .as_str()
+            .is_some_and(|text| text.contains("larger budget")),
+        "{late}"
+    );
 }
 
 #[tokio::test(flavor = "multi_thread")]

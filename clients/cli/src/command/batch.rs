@@ -5,9 +5,9 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use futures_util::{StreamExt, stream};
 use serde_json::json;
+use stereo_client::ClientError;
 use stereo_client::v1::batch_reply::Outcome;
 use stereo_client::v1::{BatchReply, Image, StereoRequest};
-use stereo_client::{Client, ClientError};
 
 use super::matching::{done, not_done};
 use crate::args::BatchArgs;
@@ -16,7 +16,7 @@ use crate::file::Target;
 use crate::options::Wanted;
 use crate::output::Output;
 use crate::pairs::{self, Pair};
-use crate::server::Address;
+use crate::server::{Address, Place};
 
 /// What is under way: left images by the numbers of their pairs, and the failures of those that could not be read.
 #[derive(Debug, Default)]
@@ -25,13 +25,12 @@ struct UnderWay {
     unread: Vec<(usize, Failure)>,
 }
 
-pub(crate) async fn run(args: BatchArgs, address: &Address, output: Output) -> Result<(), Failure> {
-    let Address::Http(url) = address else {
+pub(crate) async fn run(args: BatchArgs, place: &Place, output: Output) -> Result<(), Failure> {
+    let Address::Http(url) = &place.address else {
         return Err(Failure::usage(
             "a batch goes over HTTP: give the address of one server with --server http://HOST:PORT",
         ));
     };
-    let mut wanted = Wanted::from_args(&args.matching)?;
     let mut pairs = Vec::new();
     for folder in &args.folders {
         pairs.extend(pairs::find(folder, None)?);
@@ -39,11 +38,12 @@ pub(crate) async fn run(args: BatchArgs, address: &Address, output: Output) -> R
     if args.folders.len() > 1 {
         name_by_place(&mut pairs, args.files.output.is_some())?;
     }
+    let mut wanted = Wanted::from_args(&args.matching, pairs::first_left(&pairs))?;
     let target = Target::new(&args.files, pairs.len())?;
     wanted.want_outputs(&target.parts());
     let pairs: Arc<[Pair]> = pairs.into();
     let under_way = Arc::new(Mutex::new(UnderWay::default()));
-    let client = Client::new(url)?;
+    let client = place.client(url)?;
     let mut replies = client.match_batch(requests(&pairs, wanted, &under_way)).await?;
     let bar = output.progress(Some(pairs.len() as u64));
     let (mut matched, mut worst) = (0_usize, None);

@@ -14,7 +14,7 @@ use crate::latency::{Latencies, percent};
 use crate::options::{Wanted, budget};
 use crate::output::{Output, ms, table};
 use crate::pairs;
-use crate::server::{Address, Server};
+use crate::server::{Place, Server};
 
 /// Pairs under way at most: what more would only fill the memory.
 const MOST_UNDER_WAY: usize = 4096;
@@ -31,8 +31,8 @@ struct Figures {
     worst: Option<Failure>,
 }
 
-pub(crate) async fn run(args: BenchArgs, address: &Address, output: Output) -> Result<(), Failure> {
-    let mut wanted = Wanted::from_args(&args.matching)?;
+pub(crate) async fn run(args: BenchArgs, place: &Place, output: Output) -> Result<(), Failure> {
+    let mut wanted = Wanted::from_args(&args.matching, args.left.as_deref().unwrap_or(Path::new("")))?;
     wanted.want_outputs(&[Part::Disparity]);
     let images = match (&args.left, &args.right) {
         (Some(left), Some(right)) => match pairs::find(left, Some(right))?.first() {
@@ -43,7 +43,7 @@ pub(crate) async fn run(args: BenchArgs, address: &Address, output: Output) -> R
     };
     let request = wanted.request(images);
     let budget = budget(&wanted.options);
-    let server = Server::connect(address).await?;
+    let server = place.connect().await?;
     // Connections are made, and mistakes found, before anything is counted.
     match server.match_pair(&request).await {
         Err(error) if error.status().is_none_or(|status| status.code < 500) => return Err(error.into()),

@@ -11,7 +11,7 @@ use stereo_client::{Client, Fleet, Readiness};
 use crate::args::DoctorArgs;
 use crate::failure::{Failure, Kind};
 use crate::output::Output;
-use crate::server::{Address, Server, fleet};
+use crate::server::{Address, Place, Server};
 
 /// How long servers have to tell that they are there.
 const FOUND_WITHIN: Duration = Duration::from_secs(2);
@@ -46,13 +46,13 @@ impl Findings {
     }
 }
 
-pub(crate) async fn run(args: DoctorArgs, address: &Address, output: Output) -> Result<(), Failure> {
+pub(crate) async fn run(args: DoctorArgs, place: &Place, output: Output) -> Result<(), Failure> {
     let mut findings = Findings {
         output,
         failed: 0,
         worst: None,
     };
-    examine(&args, address, &mut findings).await?;
+    examine(&args, place, &mut findings).await?;
     output.json(&json!({ "failed": findings.failed }))?;
     match findings.worst {
         None => output.text("nothing is wrong"),
@@ -68,11 +68,11 @@ pub(crate) async fn run(args: DoctorArgs, address: &Address, output: Output) -> 
 }
 
 /// Ends early where nothing further could be found out.
-async fn examine(args: &DoctorArgs, address: &Address, findings: &mut Findings) -> Result<(), Failure> {
+async fn examine(args: &DoctorArgs, place: &Place, findings: &mut Findings) -> Result<(), Failure> {
     let mut http = None;
-    let mut network = match address {
+    let mut network = match &place.address {
         Address::Http(url) => {
-            let client = Client::new(url)?;
+            let client = place.client(url)?;
             let Some(readiness) = server(&client, url, findings).await? else {
                 return Ok(());
             };
@@ -90,7 +90,7 @@ async fn examine(args: &DoctorArgs, address: &Address, findings: &mut Findings) 
     if network.is_empty() {
         return Ok(());
     }
-    let Some(fleet) = reach(&network, findings).await? else {
+    let Some(fleet) = reach(place, &network, findings).await? else {
         return Ok(());
     };
     if http.is_none() {
@@ -157,20 +157,24 @@ fn zenoh_of(readiness: &Readiness, findings: &mut Findings) -> Result<(), Failur
 }
 
 /// Whether the network can be joined, and servers are on it; none if not.
-async fn reach(endpoints: &[String], findings: &mut Findings) -> Result<Option<Fleet>, Failure> {
-    let place = endpoints.join(", ");
-    let fleet = match fleet(endpoints).await {
+async fn reach(
+    place: &Place,
+    endpoints: &[String],
+    findings: &mut Findings,
+) -> Result<Option<Fleet>, Failure> {
+    let at = endpoints.join(", ");
+    let fleet = match place.fleet(endpoints).await {
         Ok(fleet) => fleet,
         Err(failure) => {
             findings.fail(Kind::Unreachable, "router reachable", &failure.message)?;
             return Ok(None);
         }
     };
-    findings.ok("router reachable", &place)?;
+    findings.ok("router reachable", &at)?;
     let servers = fleet.look(FOUND_WITHIN).await;
     let names: Vec<&str> = servers.iter().map(|server| server.instance.as_str()).collect();
     if names.is_empty() {
-        let what = format!("none is on the network at {place}: start one with --zenoh-connect {place}");
+        let what = format!("none is on the network at {at}: start one with --zenoh-connect {at}");
         findings.fail(Kind::Unreachable, "servers alive", &what)?;
         return Ok(None);
     }

@@ -6,10 +6,10 @@ use stereo_client::{Client, Fleet};
 use crate::failure::Failure;
 use crate::output::{Output, ms, table};
 use crate::report::known;
-use crate::server::{Address, Server};
+use crate::server::{Place, Server};
 
-pub(crate) async fn run(address: &Address, output: Output) -> Result<(), Failure> {
-    match Server::connect(address).await? {
+pub(crate) async fn run(place: &Place, output: Output) -> Result<(), Failure> {
+    match place.connect().await? {
         Server::Http(client) => one(&client, output).await,
         Server::Zenoh(fleet) => all(&fleet, output),
     }

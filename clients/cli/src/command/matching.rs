@@ -12,14 +12,14 @@ use crate::options::Wanted;
 use crate::output::{Output, complain};
 use crate::pairs::{self, Pair};
 use crate::report::{report_json, summary};
-use crate::server::{Address, Server};
+use crate::server::{Place, Server};
 
-pub(crate) async fn run(args: MatchArgs, address: &Address, output: Output) -> Result<(), Failure> {
-    let mut wanted = Wanted::from_args(&args.matching)?;
+pub(crate) async fn run(args: MatchArgs, place: &Place, output: Output) -> Result<(), Failure> {
     let pairs = pairs::find(&args.left, args.right.as_deref())?;
+    let mut wanted = Wanted::from_args(&args.matching, pairs::first_left(&pairs))?;
     let target = Target::new(&args.files, pairs.len())?;
     wanted.want_outputs(&target.parts());
-    let server = Server::connect(address).await?;
+    let server = place.connect().await?;
     if let [pair] = pairs.as_slice() {
         let (result, files) = one(pair, &server, &wanted, &target).await?;
         return done(output, pair, &result, &files);

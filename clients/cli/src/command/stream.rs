@@ -14,12 +14,10 @@ use crate::options::{Wanted, budget};
 use crate::output::{Output, ms, table};
 use crate::pairs::{self, Pair};
 use crate::report::report_json;
-use crate::server::{Address, fleet, fleet_of};
+use crate::server::{Address, Place};
 
 /// How long a server has to take a new camera.
 const SERVED_WITHIN: Duration = Duration::from_secs(5);
-/// Time between two looks whether one has.
-const LOOK_AGAIN: Duration = Duration::from_millis(20);
 /// How long the results of the last frames are waited for, besides their budget.
 const GRACE: Duration = Duration::from_secs(2);
 /// Files of a folder that are kept in memory, in bytes, so that the disk does not set the pace.
@@ -35,19 +33,20 @@ struct Figures {
     last_sent: Instant,
 }
 
-pub(crate) async fn run(args: StreamArgs, address: &Address, output: Output) -> Result<(), Failure> {
-    let mut wanted = Wanted::from_args(&args.matching)?;
-    wanted.want_outputs(&[Part::Disparity]);
+pub(crate) async fn run(args: StreamArgs, place: &Place, output: Output) -> Result<(), Failure> {
     let pairs = pairs::find(&args.folder, None)?;
-    let (fleet, http) = match address {
-        Address::Zenoh(endpoints) => (fleet(endpoints).await?, None),
+    let mut wanted = Wanted::from_args(&args.matching, pairs::first_left(&pairs))?;
+    wanted.want_outputs(&[Part::Disparity]);
+    let (fleet, http) = match &place.address {
+        Address::Zenoh(endpoints) => (place.fleet(endpoints).await?, None),
         Address::Http(url) => {
-            let client = Client::new(url)?;
-            (fleet_of(&client).await?, Some(client))
+            let client = place.client(url)?;
+            (place.fleet_of(&client).await?, Some(client))
         }
     };
     let camera = fleet.camera(&args.camera).await?;
-    until_served(&fleet, &camera, &args.camera).await?;
+    // What is sent before is lost.
+    camera.until_served(SERVED_WITHIN).await?;
     let before = seen(http.as_ref(), &args.camera).await;
     let figures = play(&args, &wanted, &pairs, &fleet, &camera, output).await?;
     let after = seen(http.as_ref(), &args.camera).await;
@@ -67,30 +66,6 @@ pub(crate) async fn run(args: StreamArgs, address: &Address, output: Output) -> 
         ));
     }
     Ok(())
-}
-
-/// Waits until a server takes the camera's frames: what is sent before is lost.
-async fn until_served(fleet: &Fleet, camera: &Camera, name: &str) -> Result<(), Failure> {
-    let until = Instant::now() + SERVED_WITHIN;
-    loop {
-        let is_owned = fleet
-            .cameras()
-            .await?
-            .iter()
-            .any(|camera| camera.name == name && camera.served_by.is_some());
-        if is_owned && camera.is_served().await? {
-            return Ok(());
-        }
-        if Instant::now() >= until {
-            return Err(Failure::new(
-                Kind::Unreachable,
-                format!(
-                    "no server serves camera {name} after {SERVED_WITHIN:?}: start one on this network, or ask `stereo doctor`"
-                ),
-            ));
-        }
-        tokio::time::sleep(LOOK_AGAIN).await;
-    }
 }
 
 /// Sends all frames on time, and takes the results as they come.

@@ -11,13 +11,13 @@ use crate::args::WatchArgs;
 use crate::failure::Failure;
 use crate::latency::percent;
 use crate::output::{Output, table};
-use crate::server::{Address, Server, fleet_of};
+use crate::server::{Place, Server};
 
 /// How long servers have to tell their load.
 const TOLD_WITHIN: Duration = Duration::from_secs(1);
 
 /// Where it is looked: at a server, at a network, or both.
-struct Place {
+struct Lookout {
     http: Option<Client>,
     fleet: Option<Fleet>,
 }
@@ -29,20 +29,20 @@ struct Sight {
     cameras: Vec<CameraPresence>,
 }
 
-pub(crate) async fn run(args: WatchArgs, address: &Address, output: Output) -> Result<(), Failure> {
-    let place = match Server::connect(address).await? {
-        Server::Zenoh(fleet) => Place {
+pub(crate) async fn run(args: WatchArgs, place: &Place, output: Output) -> Result<(), Failure> {
+    let lookout = match place.connect().await? {
+        Server::Zenoh(fleet) => Lookout {
             http: None,
             fleet: Some(fleet),
         },
         Server::Http(client) => {
             client.info().await?;
             // Without Zenoh there are no other servers to be shown.
-            let fleet = fleet_of(&client).await.ok();
+            let fleet = place.fleet_of(&client).await.ok();
             if let Some(fleet) = &fleet {
                 fleet.look(TOLD_WITHIN).await;
             }
-            Place {
+            Lookout {
                 http: Some(client),
                 fleet,
             }
@@ -51,12 +51,12 @@ pub(crate) async fn run(args: WatchArgs, address: &Address, output: Output) -> R
     let terminal = console::Term::stdout();
     let is_live = !args.once && !output.is_json && terminal.is_term();
     loop {
-        let sight = place.look().await?;
+        let sight = lookout.look().await?;
         if is_live {
             drop(terminal.clear_screen());
         }
-        output.json(&place.json(&sight))?;
-        output.text(&place.lines(&sight).join("\n"))?;
+        output.json(&lookout.json(&sight))?;
+        output.text(&lookout.lines(&sight).join("\n"))?;
         if args.once {
             return Ok(());
         }
@@ -67,7 +67,7 @@ pub(crate) async fn run(args: WatchArgs, address: &Address, output: Output) -> R
     }
 }
 
-impl Place {
+impl Lookout {
     async fn look(&self) -> Result<Sight, ClientError> {
         let mut sight = Sight::default();
         if let Some(http) = &self.http {
@@ -125,7 +125,8 @@ fn camera_lines(sight: &Sight) -> Vec<String> {
         "out Hz",
         "latency ms",
         "budget ms",
-        "answered %",
+        "in budget %",
+        "late",
         "dropped",
         "lost",
         "unpaired",
@@ -141,7 +142,7 @@ fn camera_lines(sight: &Sight) -> Vec<String> {
             name.to_owned(),
             owner.or(here).unwrap_or_else(|| "nobody".to_owned()),
         ];
-        row.extend(stream.map_or_else(|| vec!["-".to_owned(); 8], figures));
+        row.extend(stream.map_or_else(|| vec!["-".to_owned(); 9], figures));
         rows.push(row);
     }
     table(&rows)
@@ -162,7 +163,8 @@ fn figures(stream: &CameraStream) -> Vec<String> {
         number(Some(rates.answered_hz)),
         number(last.map(|report| report.total_ms)),
         number(last.map(|report| report.budget_ms)),
-        number((done > 0).then(|| percent(frames.answered, done))),
+        number((done > 0).then(|| percent(frames.in_budget(), done))),
+        frames.answered_late.to_string(),
         dropped,
         frames.lost.to_string(),
         stream.images.unpaired.values().sum::<u64>().to_string(),

@@ -96,7 +96,11 @@ fn frames(
     let images = since(|s| s.images.received);
     let paired = since(|s| s.images.paired);
     let arrived = since(|s| s.frames.received);
-    let (answered, dropped) = (since(|s| s.frames.answered), since(|s| s.frames.dropped_total()));
+    let outcome = Outcome {
+        answered: since(|s| s.frames.answered),
+        late: since(|s| s.frames.answered_late),
+        dropped: since(|s| s.frames.dropped_total()),
+    };
     let lost = since(|s| s.frames.lost);
     let watched = format!("in {} ms", ms(args.watch));
 
@@ -115,7 +119,11 @@ fn frames(
         );
         findings.fail(Kind::Failed, &check, &what)?;
     } else {
-        findings.ok(&check, &format!("{arrived} {watched}"))?;
+        let found = match images {
+            0 => format!("{arrived} {watched}"),
+            _ => format!("{images} single images {watched}, {arrived} pairs of them"),
+        };
+        findings.ok(&check, &found)?;
     }
     if images > 0 {
         let check = format!("images of {name} paired");
@@ -130,14 +138,26 @@ fn frames(
             findings.ok(&check, &format!("{paired} of {images}"))?;
         }
     }
-    in_budget(after, (answered, dropped), findings)
+    if arrived == 0 {
+        // Without pairs there is nothing that could be late.
+        return Ok(());
+    }
+    in_budget(after, outcome, findings)
 }
 
-fn in_budget(
-    stream: &CameraStream,
-    (answered, dropped): (u64, u64),
-    findings: &mut Findings,
-) -> Result<(), Failure> {
+/// What became of frames between two looks; those answered late are answered.
+struct Outcome {
+    answered: u64,
+    late: u64,
+    dropped: u64,
+}
+
+fn in_budget(stream: &CameraStream, outcome: Outcome, findings: &mut Findings) -> Result<(), Failure> {
+    let Outcome {
+        answered,
+        late,
+        dropped,
+    } = outcome;
     let check = format!("frames of {} in budget", stream.camera);
     let last = match &stream.last_result {
         Some(last) => format!(
@@ -146,7 +166,7 @@ fn in_budget(
         ),
         None => String::new(),
     };
-    if dropped == 0 && answered > 0 {
+    if dropped == 0 && late == 0 && answered > 0 {
         return findings.ok(&check, &format!("all {answered} answered{last}"));
     }
     let reasons: Vec<String> = stream
@@ -160,10 +180,14 @@ fn in_budget(
         None => String::new(),
     };
     let what = format!(
-        "{answered} answered, {dropped} dropped ({:.0} % kept; so far {}){last}{error}: larger budgets, smaller images, lower \
-         rates or another server help against late and superseded ones",
-        percent(answered, answered + dropped),
-        reasons.join(", ")
+        "{answered} answered, {late} of them late, {dropped} dropped ({:.0} % in budget; dropped so far: {}){last}{error}: larger \
+         budgets, smaller images, lower rates or another server help against late and superseded ones",
+        percent(answered - late.min(answered), answered + dropped),
+        if reasons.is_empty() {
+            "none".to_owned()
+        } else {
+            reasons.join(", ")
+        }
     );
     findings.fail(Kind::Failed, &check, &what)
 }
