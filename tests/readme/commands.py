@@ -39,7 +39,7 @@ LEFT_OUT = {
 # Servers, cameras and viewers: there until they are stopped, and known to work by what they print.
 ENDLESS = {"serve": "listening on ", "camera.py": "is served by", "stream.py": " rungs ("}
 # Those whose answer may be no.
-ANSWERS = {"cargo load": (0, 2)}
+ANSWERS = {"cargo load": (0, 2), "stereo doctor": (1,)}
 
 
 def commands(readme: str) -> list[str]:
