@@ -239,6 +239,15 @@ async fn a_server_that_asks_its_clients_for_certificates_gets_them() {
     );
 }
 
+/// `info` with all of the flags but one.
+fn info_without<'a>(flags: &[&'a str], left_out: &str) -> Vec<&'a str> {
+    let mut args = vec!["info"];
+    for flag in flags.chunks(2).filter(|flag| flag[0] != left_out) {
+        args.extend(flag);
+    }
+    args
+}
+
 #[tokio::test]
 async fn the_command_line_has_the_same_as_flags_and_variables() {
     let (lab, section) = token("lab");
@@ -256,27 +265,28 @@ async fn the_command_line_has_the_same_as_flags_and_variables() {
         [("left.png", &PAIR.left), ("right.png", &PAIR.right)].map(|(name, file)| folder.write(name, file));
 
     let pair = ["match", &left, &right, "--budget", "60s"];
-    let flags = ["--ca", &ca, "--cert", &cert, "--token", &format!("@{token_file}")];
+    let at_file = format!("@{token_file}");
+    let flags = ["--ca", &ca, "--cert", &cert, "--token", &at_file];
     stereo(&url, &[&pair[..], &flags].concat()).assert(0, &["3 of 3 iterations"]);
     let output = Command::new(client_binary().expect("a binary that builds"))
         .args(["info", "--json"])
-        .envs([("STEREO_SERVER", url.as_str()), ("STEREO_TOKEN", &lab)])
+        .envs([("STEREO_SERVER", url.as_str()), ("STEREO_TOKEN", lab.as_str())])
         .envs([("STEREO_CA", &ca), ("STEREO_CERT", &cert)])
         .output()
         .expect("a program that cargo has built");
     assert_eq!(Said::new(output).json()[0]["info"]["workers"], 1);
 
-    let without = |left_out: &str| -> Vec<&str> {
-        let pairs = flags.chunks(2).filter(|pair| pair[0] != left_out);
-        [&["info"], pairs.flatten().copied().collect::<Vec<_>>().as_slice()].concat()
-    };
-    stereo(&url, &without("--token"))
-        .assert(4, &["refused with UNAUTHENTICATED (HTTP 401)", "stereod token"]);
-    stereo(&url, &without("--ca")).assert(
+    stereo(&url, &info_without(&flags, "--token"))
+        .assert(4, &["refused with UNAUTHENTICATED (HTTP 401)", "--token"]);
+    stereo(&url, &info_without(&flags, "--ca")).assert(
         3,
-        &["no secure connection", "give the certificate of its authority"],
+        &[
+            "no secure connection",
+            "give the certificate of its authority",
+            "--ca",
+        ],
     );
-    stereo(&url, &without("--cert")).assert(3, &["asks for a certificate of its clients"]);
+    stereo(&url, &info_without(&flags, "--cert")).assert(3, &["asks for a certificate of its clients"]);
     stereo(&url, &["info", "--ca", "no-such.pem"]).assert(2, &["--ca no-such.pem can't be read"]);
     stereo(&url, &["info", "--ca", &token_file]).assert(2, &["authority's certificate can't be used"]);
     stereo(&url, &["info", "--key", &cert]).assert(2, &["--cert"]);

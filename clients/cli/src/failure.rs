@@ -128,9 +128,14 @@ impl From<ClientError> for Failure {
             let name = status.reason().as_str_name();
             name.trim_start_matches("REASON_").to_owned()
         });
+        let flags = match (&error, reason.as_deref()) {
+            (ClientError::Insecure { .. }, _) => " (--ca FILE, --cert FILE)",
+            (_, Some("UNAUTHENTICATED")) => " (--token or STEREO_TOKEN)",
+            _ => "",
+        };
         Self {
             kind,
-            message: error.to_string(),
+            message: format!("{error}{flags}"),
             reason,
         }
     }

@@ -70,7 +70,7 @@ pub(crate) fn find(left: &Path, right: Option<&Path>) -> Result<Vec<Pair>, Failu
 
 /// The left image of the first pair.
 pub(crate) fn first_left(pairs: &[Pair]) -> &Path {
-    pairs.first().map_or(Path::new(""), |pair| &pair.left)
+    pairs.first().map_or(Path::new(""), |pair| pair.left.as_path())
 }
 
 fn in_folder(folder: &Path) -> Result<Vec<Pair>, Failure> {

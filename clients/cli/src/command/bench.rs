@@ -1,6 +1,7 @@
 //! `stereo bench`: pairs for some seconds, at a rate whatever happens (open loop), or as answers come (closed loop).
 
 use std::collections::BTreeMap;
+use std::path::Path;
 use std::time::{Duration, Instant};
 
 use bytes::Bytes;
