@@ -16,11 +16,11 @@ use crate::server::Address;
 pub(crate) struct Cli {
     #[command(subcommand)]
     pub(crate) command: Command,
-    #[command(flatten)]
-    pub(crate) server: ServerArgs,
     /// Print JSON, one object a line, and nothing else. Failures are objects too, with `error` and `exit_code`.
     #[arg(long, global = true)]
     pub(crate) json: bool,
+    #[command(flatten)]
+    pub(crate) server: ServerArgs,
 }
 
 /// Where the server is, and how it is reached.

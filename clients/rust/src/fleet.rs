@@ -32,6 +32,15 @@ const LOOK_AGAIN: Duration = Duration::from_millis(20);
 /// Encoding of a request.
 const REQUEST: &str = "application/protobuf;stereo.v1.StereoRequest";
 
+/// What Zenoh says, without the place in its sources.
+fn without_place(why: &str) -> String {
+    why.split(" at /")
+        .next()
+        .unwrap_or_default()
+        .trim_end_matches(['!', ' ', '.'])
+        .to_owned()
+}
+
 /// Talks to all servers that a Zenoh session reaches; cheap to clone.
 #[derive(Debug, Clone)]
 pub struct Fleet {
@@ -73,7 +82,10 @@ impl Fleet {
     pub async fn connect_with(endpoints: &[&str], config: &Path) -> Result<Self, ClientError> {
         let bad = |why: zenoh::Error| ClientError::BadAccess {
             what: "configuration of Zenoh",
-            why: format!("{why}: see Zenoh's own documentation"),
+            why: format!(
+                "{}: see Zenoh's own documentation",
+                without_place(&why.to_string())
+            ),
         };
         let endpoints_json = serde_json::json!(endpoints).to_string();
         let mut config = zenoh::Config::from_file(config).map_err(bad)?;
@@ -89,7 +101,7 @@ impl Fleet {
             .await
             .map_err(|why| ClientError::Unreachable {
                 url,
-                why: why.to_string(),
+                why: without_place(&why.to_string()),
             })?;
         Self::over(session).await
     }
