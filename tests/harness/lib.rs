@@ -5,12 +5,14 @@
 //! with 0 where there is none.
 #![forbid(unsafe_code)]
 
+pub mod clock;
 pub mod dataset;
 pub mod degrade;
 pub mod gray;
 pub mod http;
 pub mod machine;
 pub mod matching;
+pub mod network;
 pub mod process;
 pub mod readme;
 pub mod registry_pair;

@@ -271,6 +271,12 @@ impl Stereod {
         self.admin_url.as_deref()
     }
 
+    /// The process's number, by which the system knows it.
+    #[must_use]
+    pub fn id(&self) -> u32 {
+        self.child.id()
+    }
+
     /// The most memory it has ever had in use at one time, in bytes (Linux's `VmHWM`); `None` where the system doesn't say.
     #[must_use]
     pub fn memory_peak_bytes(&self) -> Option<u64> {

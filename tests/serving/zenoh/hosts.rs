@@ -1,18 +1,13 @@
 //! Several hosts: a router, two servers, three cameras and a viewer, each behind a link of its own that can be cut, slowed down and healed.
-//!
-//! Hosts are network namespaces of Linux. All of them, the one of the test too, are inside one set of namespaces that is made for the
-//! test and goes with it, so nothing is left behind on the machine.
-
-mod lab;
-mod relay;
 
 use std::collections::BTreeMap;
-use std::process::Command;
+use std::net::SocketAddr;
 use std::time::Duration;
 
 use prost::Message;
 use serde_json::json;
 use stereo_proto::v1;
+use stereo_tests::network::{self, Lab, ROUTER, Relay};
 use stereo_tests::process::{Launch, Stereod};
 use stereo_tests::zenoh::{RouterProcess, client_with};
 use zenoh::Session;
@@ -21,8 +16,6 @@ use zenoh::liveliness::LivelinessToken;
 use zenoh::pubsub::Subscriber;
 use zenoh::sample::Sample;
 
-use self::lab::{Lab, address};
-use self::relay::Relay;
 use super::network::{REQUEST, numbered, poll};
 
 const CAMERAS: [&str; 3] = ["cam-a", "cam-b", "cam-c"];
@@ -39,17 +32,14 @@ const FRAMES: usize = 60;
 
 #[test]
 fn cameras_on_other_hosts_are_served_again_after_links_were_cut_slow_and_healed() {
-    if let Err(why) = lab::is_possible() {
+    if let Err(why) = network::is_possible() {
         println!(
             "skipped: no network namespaces can be made here ({why}): this takes root, or user namespaces, and iproute2"
         );
         return;
     }
     let program = std::env::current_exe().expect("a test program");
-    let status = Command::new("unshare")
-        .args(lab::UNSHARE)
-        .args(["sh", "-c", lab::PREPARE])
-        .arg(program)
+    let status = network::inside(program)
         .args(["--ignored", "--exact", "zenoh::hosts::inside", "--nocapture"])
         .status()
         .expect("unshare, which has just worked");
@@ -59,25 +49,25 @@ fn cameras_on_other_hosts_are_served_again_after_links_were_cut_slow_and_healed(
 #[tokio::test(flavor = "multi_thread")]
 #[ignore = "runs in namespaces that the test above makes"]
 async fn inside() {
-    if lab::is_elsewhere() {
+    if network::is_elsewhere() {
         println!("skipped: this is the inner half of a test, which starts it by itself");
         return;
     }
     let mut fleet = Fleet::start().await;
     fleet.all_are_served(&SERVERS, "at the start").await;
 
-    fleet.lab.cut("one");
+    fleet.lab.cut("one").expect("a link");
     fleet.all_are_served(&["two"], "with one server cut off").await;
-    fleet.lab.heal("one");
-    fleet.lab.cut("two");
+    fleet.lab.heal("one").expect("a link");
+    fleet.lab.cut("two").expect("a link");
     fleet.all_are_served(&["one"], "with the other one cut off").await;
-    fleet.lab.heal("two");
+    fleet.lab.heal("two").expect("a link");
 
-    fleet.lab.cut("cam-a");
-    fleet.lab.cut("viewer");
+    fleet.lab.cut("cam-a").expect("a link");
+    fleet.lab.cut("viewer").expect("a link");
     fleet.lost("cam-a").await;
-    fleet.lab.heal("cam-a");
-    fleet.lab.heal("viewer");
+    fleet.lab.heal("cam-a").expect("a link");
+    fleet.lab.heal("viewer").expect("a link");
     fleet
         .all_are_served(&SERVERS, "after a camera and the viewer were cut off")
         .await;
@@ -86,17 +76,17 @@ async fn inside() {
     fleet.all_are_served(&SERVERS, "with a camera far away").await;
     fleet.relay.set_delay(Duration::ZERO);
 
-    fleet.lab.narrow("viewer", NARROW);
+    fleet.lab.narrow("viewer", NARROW).expect("a link");
     fleet.nobody_waits_for_the_viewer().await;
-    fleet.lab.widen("viewer");
+    fleet.lab.widen("viewer").expect("a link");
     fleet.all_are_served(&SERVERS, "after a narrow link").await;
 
     for host in CAMERAS.iter().chain(&SERVERS).chain(&["viewer"]) {
-        fleet.lab.cut(host);
+        fleet.lab.cut(host).expect("a link");
     }
     fleet.lost("cam-b").await;
     for host in CAMERAS.iter().chain(&SERVERS).chain(&["viewer"]) {
-        fleet.lab.heal(host);
+        fleet.lab.heal(host).expect("a link");
     }
     fleet
         .all_are_served(&SERVERS, "after everybody was cut off")
@@ -129,19 +119,18 @@ struct Camera {
 
 impl Fleet {
     async fn start() -> Self {
-        let mut lab = Lab::new();
+        let mut lab = Lab::new().expect("namespaces");
         for host in CAMERAS.into_iter().chain(["viewer", "desk"]) {
-            lab.link(host, None);
+            lab.link(host, None).expect("a host");
         }
         for host in SERVERS {
-            lab.link(host, Some(host));
+            lab.link(host, Some(host)).expect("a host");
         }
-        let router =
-            RouterProcess::start("tcp/0.0.0.0:7447", Some(lab::ROUTER)).expect("a router on its host");
+        let router = RouterProcess::start("tcp/0.0.0.0:7447", Some(ROUTER)).expect("a router on its host");
         let file = std::env::temp_dir().join(format!("stereod-hosts-{}.json5", std::process::id()));
         std::fs::write(&file, config().to_string()).expect("a writable folder");
         let servers = SERVERS.map(|host| {
-            let endpoint = format!("tcp/{}:7447", lab.router_of(host));
+            let endpoint = format!("tcp/{}:7447", lab.router_of(host).expect("a link"));
             let file = file.to_str().expect("ASCII");
             let args = [
                 ["--workers", "1"],
@@ -158,12 +147,14 @@ impl Fleet {
             .expect("a server on its host")
         });
         std::fs::remove_file(&file).expect("the test's own file");
-        let relay = Relay::start(address(&lab.router_of("cam-b"), 7447)).await;
+        let relay = Relay::start(address(&lab.router_of("cam-b").expect("a link")))
+            .await
+            .expect("a free port");
         let mut cameras = Vec::new();
         for name in CAMERAS {
             let endpoint = match name {
                 "cam-b" => relay.address().to_string(),
-                _ => format!("{}:7447", lab.router_of(name)),
+                _ => format!("{}:7447", lab.router_of(name).expect("a link")),
             };
             cameras.push(Camera::start(name, &endpoint).await);
         }
@@ -267,7 +258,7 @@ impl Fleet {
 
 impl Viewer {
     async fn start(lab: &Lab, name: &str) -> Self {
-        let session = session(&format!("{}:7447", lab.router_of(name))).await;
+        let session = session(&format!("{}:7447", lab.router_of(name).expect("a link"))).await;
         let results = session
             .declare_subscriber("stereo/v1/results/*")
             .await
@@ -313,6 +304,11 @@ impl Camera {
             .await
             .expect("an open session");
     }
+}
+
+/// Where the router listens, seen from a host.
+fn address(host: &str) -> SocketAddr {
+    format!("{host}:7447").parse().expect("an address")
 }
 
 /// What all of them are: clients of a router that is tried again and again. Hosts share no memory, though these would.
