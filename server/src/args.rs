@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::builder::BoolishValueParser;
-use clap::{Args, Parser, Subcommand};
+use clap::{Args, Parser, Subcommand, ValueEnum};
 
 use crate::config::{Config, ConfigError, Fault, PolicyName, is_name};
 
@@ -25,6 +25,28 @@ pub struct Cli {
         value_name = "FILTER"
     )]
     pub log: String,
+    /// Form of the log's lines: text, or json with a member for each field.
+    #[arg(
+        long,
+        global = true,
+        env = "STEREOD_LOG_FORMAT",
+        default_value = "text",
+        value_name = "text|json"
+    )]
+    pub log_format: LogFormat,
+    /// Collector of OpenTelemetry that traces are sent to (OTLP over HTTP), such as http://127.0.0.1:4318; takes a build with the
+    /// feature `otel`.
+    #[arg(long, global = true, env = "STEREOD_OTLP", value_name = "URL")]
+    pub otlp: Option<String>,
+}
+
+/// How a line of the log is written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum LogFormat {
+    /// For people.
+    Text,
+    /// For programs: an object a line.
+    Json,
 }
 
 /// The subcommands.

@@ -19,6 +19,7 @@ pub mod encode;
 pub mod geometry;
 pub mod info;
 pub mod job;
+pub mod logs;
 mod metrics;
 pub mod offline;
 mod pool;
@@ -27,6 +28,7 @@ pub mod shutdown;
 pub mod status;
 pub mod streams;
 pub mod token;
+pub mod traces;
 pub mod transport;
 pub mod wire;
 

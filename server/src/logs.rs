@@ -17,16 +17,14 @@ use crate::traces::Traces;
 pub fn start(cli: &Cli, runtime: &Handle) -> Result<Option<Traces>, String> {
     let filter = EnvFilter::try_new(&cli.log).map_err(|why| format!("--log {}: {why}", cli.log))?;
     let collector = cli.otlp.as_deref();
-    let traces = collector.map(|endpoint| Traces::start(endpoint, runtime).map_err(|why| format!("--otlp {why}")));
+    let traces =
+        collector.map(|endpoint| Traces::start(endpoint, runtime).map_err(|why| format!("--otlp {why}")));
     let traces = traces.transpose()?;
+    // Where the log can't be written, its disk full or its reader gone, nobody can be told so: trying to would panic.
+    let lines = fmt::layer().with_writer(stderr).log_internal_errors(false);
     let lines = match cli.log_format {
-        LogFormat::Text => fmt::layer().with_writer(stderr).with_ansi(stderr().is_terminal()).boxed(),
-        LogFormat::Json => fmt::layer()
-            .json()
-            .flatten_event(true)
-            .with_span_list(false)
-            .with_writer(stderr)
-            .boxed(),
+        LogFormat::Text => lines.with_ansi(stderr().is_terminal()).boxed(),
+        LogFormat::Json => lines.json().flatten_event(true).with_span_list(false).boxed(),
     };
     tracing_subscriber::registry()
         .with(lines.with_filter(filter))

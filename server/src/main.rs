@@ -1,7 +1,7 @@
 //! The stereod binary: arguments, configuration, logs, runtime, serve, drain, exit code.
 
 use std::fmt::Display;
-use std::io::{IsTerminal, Write, stderr, stdout};
+use std::io::{Write, stderr, stdout};
 use std::process::ExitCode;
 
 use clap::Parser;
@@ -9,8 +9,7 @@ use stereod::args::{Cli, Command};
 use stereod::config::Config;
 use stereod::shutdown::StopSignals;
 use stereod::token::NewToken;
-use stereod::{Server, StartError, offline};
-use tracing_subscriber::EnvFilter;
+use stereod::{Server, StartError, logs, offline};
 
 /// Bad flags or configuration (sysexits.h: EX_USAGE).
 const USAGE: u8 = 64;
@@ -41,19 +40,12 @@ fn fail<E: Display>(code: u8) -> impl Fn(E) -> ExitCode {
 }
 
 fn run(cli: Cli) -> Result<(), ExitCode> {
-    let filter =
-        EnvFilter::try_new(&cli.log).map_err(|error| fail(USAGE)(format!("--log {}: {error}", cli.log)))?;
-    let logs = tracing_subscriber::fmt()
-        .with_env_filter(filter)
-        .with_writer(stderr)
-        // Where the log can't be written, its disk full or its reader gone, nobody can be told so: trying to would panic.
-        .log_internal_errors(false);
-    logs.with_ansi(stderr().is_terminal()).init();
-    let runtime = || tokio::runtime::Runtime::new().map_err(fail(SYSTEM));
-    match cli.command {
+    let runtime = tokio::runtime::Runtime::new().map_err(fail(SYSTEM))?;
+    let traces = logs::start(&cli, runtime.handle()).map_err(fail(USAGE))?;
+    let done = match cli.command {
         Command::Serve(args) => {
             let config = args.into_config().map_err(fail(USAGE))?;
-            runtime()?.block_on(serve(config))
+            runtime.block_on(serve(config))
         }
         Command::Token { name } => {
             let text = NewToken::new().map_err(fail(SYSTEM))?.instructions(&name);
@@ -61,10 +53,14 @@ fn run(cli: Cli) -> Result<(), ExitCode> {
             written.and_then(|()| stdout().flush()).map_err(fail(SYSTEM))
         }
         Command::Match(args) => {
-            let matched = runtime()?.block_on(offline::run(&args));
+            let matched = runtime.block_on(offline::run(&args));
             matched.map_err(|error| fail(error.exit_code())(error))
         }
+    };
+    if let Some(traces) = traces {
+        traces.finish();
     }
+    done
 }
 
 async fn serve(config: Config) -> Result<(), ExitCode> {

@@ -10,6 +10,7 @@ use std::time::{Duration, Instant};
 use stereo_scheduler::JobSpec;
 use tokio::sync::watch;
 use tokio::time::timeout_at;
+use tracing::Instrument;
 
 pub use self::health::Health;
 use self::leaving::Leaving;
@@ -22,6 +23,7 @@ use crate::job::{FrameReply, FrameRequest, PriorityClass};
 use crate::metrics::{CANCELLED, Metrics};
 use crate::pool::{Helpers, Patience, Pool, Priming, Shared};
 use crate::status::ServiceError;
+use crate::traces;
 
 /// The queue and the workers behind it.
 pub struct Service {
@@ -124,37 +126,52 @@ impl Service {
     }
 
     async fn carry(&self, request: FrameRequest, listeners: Listeners) -> Result<FrameReply, ServiceError> {
-        let request_id = request.ids.request_id.clone();
-        let camera = request.ids.camera_id.clone();
         let class = request.options.priority;
-        let received_at = request.received_at;
-        let outcome = self.admit(request, listeners).await;
+        let (received_at, deadline) = (request.received_at, request.deadline());
+        let span = tracing::info_span!(
+            "frame",
+            request_id = request.ids.request_id,
+            camera = request.ids.camera_id,
+            slack_ms = tracing::field::Empty,
+        );
+        let named = Named {
+            request_id: request.ids.request_id.clone(),
+            camera: request.ids.camera_id.clone(),
+        };
+        let outcome = self.admit(request, listeners).instrument(span.clone()).await;
+        let slack_ms = deadline.map(slack_ms);
+        span.record("slack_ms", slack_ms);
         match &outcome {
             Ok(FrameReply { report, costs, .. }) => {
                 self.shared.metrics.ended(Some(class), "OK");
                 self.shared.metrics.answered(class, report, *costs);
-                tracing::debug!(
-                    request_id,
-                    camera,
-                    queued = ?report.queued,
-                    decoded = ?report.decoded,
-                    matched = ?report.matched,
-                    meshed = ?report.meshed,
-                    encoded = ?report.encoded,
+                traces::stages(&span, report, received_at);
+                tracing::info!(
+                    request_id = named.request_id,
+                    camera = named.camera,
+                    slack_ms,
+                    queued_ms = ms(report.queued),
+                    decoded_ms = ms(report.decoded),
+                    matched_ms = ms(report.matched),
+                    meshed_ms = ms(report.meshed),
+                    encoded_ms = ms(report.encoded),
                     iterations = report.iterations_run,
-                    slack = ?report.budget.saturating_sub(report.total),
                     deadline_met = report.deadline_met,
                     "answered"
                 );
             }
-            Err(error) => self.count_refusal(Some(class), error, received_at, &request_id),
+            Err(error) => self.count_refusal(Some(class), error, received_at, &named, slack_ms),
         }
         outcome
     }
 
     /// Counts a request that a transport refuses before it has become a frame, and hands the refusal back.
     pub fn refuse(&self, error: ServiceError, received_at: Instant, request_id: &str) -> ServiceError {
-        self.count_refusal(None, &error, received_at, request_id);
+        let named = Named {
+            request_id: request_id.to_owned(),
+            camera: String::new(),
+        };
+        self.count_refusal(None, &error, received_at, &named, None);
         error
     }
 
@@ -207,13 +224,16 @@ impl Service {
         class: Option<PriorityClass>,
         error: &ServiceError,
         received_at: Instant,
-        request_id: &str,
+        Named { request_id, camera }: &Named,
+        slack_ms: Option<f64>,
     ) {
         let metrics = &self.shared.metrics;
         metrics.ended(class, error.reason_name());
         metrics.refused(received_at.elapsed());
-        tracing::debug!(
+        tracing::info!(
             request_id,
+            camera,
+            slack_ms,
             reason = error.reason_name(),
             error = error.text(),
             "refused"
@@ -337,6 +357,22 @@ impl Service {
             drop(tokio::task::spawn_blocking(|| pool.join()).await);
         }
     }
+}
+
+/// What a frame is called in the log; empty where it isn't known.
+struct Named {
+    request_id: String,
+    camera: String,
+}
+
+/// The time that is left until `deadline` in ms, less than 0 once it is over.
+fn slack_ms(deadline: Instant) -> f64 {
+    let now = Instant::now();
+    ms(deadline.saturating_duration_since(now)) - ms(now.saturating_duration_since(deadline))
+}
+
+fn ms(duration: Duration) -> f64 {
+    1e3 * duration.as_secs_f64()
 }
 
 impl Drop for Service {

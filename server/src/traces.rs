@@ -66,7 +66,13 @@ mod tests {
             ..Report::default()
         };
         let stages = in_turn(&report);
-        assert_eq!(stages[1], ("queue", Duration::from_millis(2), Duration::from_millis(3)));
-        assert_eq!(stages[5], ("encode", Duration::from_millis(5), Duration::from_millis(4)));
+        assert_eq!(
+            stages[1],
+            ("queue", Duration::from_millis(2), Duration::from_millis(3))
+        );
+        assert_eq!(
+            stages[5],
+            ("encode", Duration::from_millis(5), Duration::from_millis(4))
+        );
     }
 }

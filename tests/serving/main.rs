@@ -23,6 +23,7 @@ mod files;
 mod h2c;
 mod lifecycle;
 mod load;
+mod logs;
 mod mutated_files;
 mod offline;
 mod options;

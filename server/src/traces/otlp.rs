@@ -40,7 +40,9 @@ impl Traces {
     /// # Errors
     /// What is wrong with `endpoint`.
     pub fn start(endpoint: &str, runtime: &Handle) -> Result<Self, String> {
-        let uri: Uri = endpoint.parse().map_err(|why| format!("{endpoint} is no address ({why})"))?;
+        let uri: Uri = endpoint
+            .parse()
+            .map_err(|why| format!("{endpoint} is no address ({why})"))?;
         if uri.scheme_str() != Some("http") || uri.host().is_none() {
             return Err(format!(
                 "{endpoint} is not http://HOST:PORT: traces are sent in the clear, to a collector on the same host or network"
@@ -63,7 +65,12 @@ impl Traces {
             .map_err(|why| why.to_string())?;
         let version = KeyValue::new("service.version", env!("CARGO_PKG_VERSION"));
         let provider = SdkTracerProvider::builder()
-            .with_resource(Resource::builder().with_service_name(NAME).with_attribute(version).build())
+            .with_resource(
+                Resource::builder()
+                    .with_service_name(NAME)
+                    .with_attribute(version)
+                    .build(),
+            )
             .with_batch_exporter(exporter)
             .build();
         global::set_tracer_provider(provider.clone());

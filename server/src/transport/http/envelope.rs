@@ -17,6 +17,7 @@ use tracing::Instrument;
 use super::negotiate::refusal_form;
 use super::refusal::{Refusal, written};
 use crate::status::ServiceError;
+use crate::traces;
 
 const REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
 const TRACE_PARENT: &str = "traceparent";
@@ -98,7 +99,8 @@ pub(super) async fn wrap(
             Err(error) => super::body::refuse_unread(request.into_body(), error),
         };
         let answer = written(answer, form, &id.0);
-        tracing::info!(status = answer.status().as_u16(), took = ?received_at.elapsed(), "request");
+        // Frames have a line of their own (service.rs), over either transport.
+        tracing::debug!(status = answer.status().as_u16(), took = ?received_at.elapsed(), "request");
         answer
     };
     let mut answer = answered.instrument(span).await;
@@ -118,14 +120,16 @@ fn span(request: &Request, id: &RequestId) -> tracing::Span {
         .headers()
         .get(TRACE_PARENT)
         .and_then(|value| value.to_str().ok());
-    tracing::info_span!(
+    let span = tracing::info_span!(
         "http",
         method = %request.method(),
         path = request.uri().path(),
         request_id = id.0,
         client = tracing::field::Empty,
         traceparent = trace_parent,
-    )
+    );
+    traces::adopt(&span, request.headers());
+    span
 }
 
 #[cfg(test)]
