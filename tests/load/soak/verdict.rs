@@ -6,9 +6,11 @@ use anyhow::{Result, ensure};
 
 use super::sample::Sample;
 
-/// The first part of a run, in which buffers get their sizes and the allocator its arenas: a fifth of it, and at least this.
+/// The first part of a run, in which buffers get their sizes and the allocator its arenas: a fifth of it, and at least this, but no
+/// more than half.
 const LEAST_WARM_UP: Duration = Duration::from_secs(120);
 const WARM_UP_SHARE: f64 = 0.2;
+const MOST_WARM_UP_SHARE: f64 = 0.5;
 /// Samples after it, without which nothing can be said.
 const LEAST_SAMPLES: usize = 6;
 /// How much the memory may grow from the end of the warm-up to the end: a share of it or so many bytes, whichever is more.
@@ -67,7 +69,9 @@ pub(super) struct Verdict {
 /// If it was too short to say anything.
 pub(super) fn judge(samples: &[Sample]) -> Result<Verdict> {
     let end = samples.last().map_or(0.0, |sample| sample.seconds);
-    let warm_up = (WARM_UP_SHARE * end).max(LEAST_WARM_UP.as_secs_f64());
+    let warm_up = (WARM_UP_SHARE * end)
+        .max(LEAST_WARM_UP.as_secs_f64())
+        .min(MOST_WARM_UP_SHARE * end);
     let from = samples.partition_point(|sample| sample.seconds < warm_up);
     let after = &samples[from..];
     ensure!(

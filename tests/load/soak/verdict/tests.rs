@@ -100,7 +100,15 @@ fn what_the_load_leaves_behind_is_found() {
 }
 
 #[test]
+fn the_warm_up_is_at_most_half_of_a_run() {
+    let short = judge(&steady()[..=24]).expect("two minutes are enough");
+    assert_eq!((short.warm_up, short.length), (60.0, 60.0));
+    let long = judge(&steady()).expect("half an hour");
+    assert_eq!((long.warm_up, long.length), (360.0, 1440.0));
+}
+
+#[test]
 fn a_run_that_is_too_short_says_so() {
-    let why = judge(&steady()[..29]).expect_err("140 s").to_string();
+    let why = judge(&steady()[..10]).expect_err("45 s").to_string();
     assert!(why.contains("too short"), "{why}");
 }
