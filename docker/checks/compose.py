@@ -2,6 +2,7 @@
 
 import json
 import subprocess
+import tempfile
 
 import yaml
 
@@ -32,11 +33,23 @@ def check(report: Report) -> None:
             continue
         command = [path, *program[1:]]
         version = subprocess.run([*command, "version", "--short"], capture_output=True, text=True, check=False)
-        # Version 1 is no longer maintained, and knows no `name`.
-        if version.returncode == 0 and not version.stdout.removeprefix("v").startswith("1."):
-            report.run(f"{' '.join(program)} config", [*command, "--file", FILE, "config", "--quiet"])
+        if version.returncode:
+            continue
+        name = f"{' '.join(program)} config"
+        if not version.stdout.removeprefix("v").startswith("1."):
+            report.run(name, [*command, "--file", FILE, "config", "--quiet"])
             return
-    report.skip("docker compose config", "Docker Compose, version 2 or later, is not installed")
+        # Version 1, which is Debian's, knows everything in the file but its name.
+        with tempfile.NamedTemporaryFile("w", suffix=".yaml") as copy:
+            lines = FILE.read_text().splitlines(keepends=True)
+            copy.write("".join(line for line in lines if not line.startswith("name:")))
+            copy.flush()
+            report.run(
+                f"{name}, version 1, without the file's name",
+                [*command, "--project-directory", DOCKER, "--file", copy.name, "config", "--quiet"],
+            )
+        return
+    report.skip("docker compose config", "Docker Compose is not installed")
 
 
 def zenoh_files(report: Report) -> None:
