@@ -1,6 +1,6 @@
 # Short names for plain commands; nothing is done here that can't be typed.
 
-.PHONY: demo console test test-python test-console test-api test-readme check-docker check-supply sbom hostile fuzz asan lint lint-python fmt figures eval stages load load-zenoh soak rejections
+.PHONY: demo console test test-python test-console test-api test-readme test-traces check-docker check-supply sbom hostile fuzz asan lint lint-python fmt figures eval stages load load-zenoh faults soak rejections
 
 # A real pair through a real server; writes out/.
 demo: console
@@ -81,6 +81,10 @@ asan:
 	RUSTC_BOOTSTRAP=1 RUSTFLAGS=-Zsanitizer=address cargo test --release --package stereo --lib --test contract \
 		--target $(shell rustc -vV | sed -n 's/^host: //p') --target-dir target/asan $(ARGS)
 
+# Traces, with a server that can send them. It is built by itself: nobody else pays for the feature.
+test-traces:
+	cargo test --release --package stereod --no-default-features --features otel --test traces --target-dir target/otel $(ARGS)
+
 # docker/: images, compose file, alerts with their tests, dashboard, chart; says what it couldn't check here and why.
 check-docker: target/venv-docker/ready
 	target/venv-docker/bin/python docker/check
@@ -160,6 +164,12 @@ load-zenoh:
 rejections:
 	cargo test --release --workspace --no-run
 	target/release/load --suite rejections --write README.md $(ARGS)
+
+# Every fault of the README's table, on the real server under load; fails if anything is lost that must not be, and writes the table. What
+# takes namespaces of Linux or libfaketime is skipped without, and says so. Some of them: make faults ARGS='--only frozen,loss-5'.
+faults:
+	cargo test --release --workspace --no-run
+	target/release/faults --write README.md $(ARGS)
 
 # Mixed load for MINUTES; fails if memory, descriptors, threads or tasks grow, or deadlines are kept less and less. Writes the README's table
 # and picture, and tests/data/soak.csv.

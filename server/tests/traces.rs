@@ -1,4 +1,8 @@
 //! Traces of the real binary, as a collector of OpenTelemetry gets them.
+#![expect(
+    clippy::panic,
+    reason = "a panic is how a test fails, in its helper functions too"
+)]
 
 #[path = "traces/collector.rs"]
 mod collector;

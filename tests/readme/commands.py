@@ -32,6 +32,7 @@ LEFT_OUT = {
     "make load": "takes a quarter of an hour",
     "make soak": "takes half an hour",
     "make rejections": "takes two minutes; what it does is tested with the load generator",
+    "make faults": "takes two minutes, and its quick part is in the tests",
     "make check-docker": "has a run of its own",
     "docker compose": "needs Docker",
     "helm install": "needs a cluster",
