@@ -129,7 +129,7 @@ impl From<ClientError> for Failure {
             name.trim_start_matches("REASON_").to_owned()
         });
         let flags = match (&error, reason.as_deref()) {
-            (ClientError::Insecure { .. }, _) => " (--ca FILE, --cert FILE)",
+            (ClientError::Insecure { why, .. }, _) if why.contains("give") => " (--ca FILE, --cert FILE)",
             (_, Some("UNAUTHENTICATED")) => " (--token or STEREO_TOKEN)",
             _ => "",
         };

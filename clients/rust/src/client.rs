@@ -360,7 +360,8 @@ pub(crate) fn root_cause(error: &dyn std::error::Error) -> String {
         text = error.to_string();
         cause = error.source();
     }
-    text
+    // Some name a page that explains them.
+    text.split(": https://").next().unwrap_or_default().to_owned()
 }
 
 #[cfg(test)]
