@@ -149,7 +149,8 @@ pub(crate) fn tls_trouble(error: &(dyn std::error::Error + 'static)) -> Option<S
 fn in_words(error: &rustls::Error) -> String {
     use rustls::Error::{AlertReceived, InvalidCertificate};
     match error {
-        InvalidCertificate(CertificateError::UnknownIssuer) => {
+        // Another authority of the same name has signed it, or none that is known.
+        InvalidCertificate(CertificateError::BadSignature | CertificateError::UnknownIssuer) => {
             "its certificate is signed by nobody who is trusted here: give the certificate of its authority"
                 .to_owned()
         }
