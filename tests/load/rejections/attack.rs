@@ -101,6 +101,16 @@ pub(super) fn attacks(token: &str, pair: &Frames) -> Result<Vec<Attack>> {
             move |bytes| post("multipart/form-data; boundary=seam", bytes)
         }),
     ];
+    attacks.extend(damaged_files(pair, post)?);
+    Ok(attacks)
+}
+
+/// Pairs of image files that are damaged somewhere, or end too soon.
+fn damaged_files(
+    pair: &Frames,
+    post: impl Fn(&str, &[u8]) -> Bytes + Clone + 'static,
+) -> Result<Vec<Attack>> {
+    let mut attacks = Vec::new();
     for (name, codec) in [
         ("VGA pairs of PNG files, damaged", Codec::Png),
         ("VGA pairs of JPEG files, cut off", Codec::Jpeg),
