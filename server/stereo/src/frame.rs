@@ -36,12 +36,14 @@ pub(crate) use regions::Regions;
 pub(crate) enum Stage {
     /// Choose the pixels to search for, or start whatever else leads to the rung.
     Choose,
+    /// Look for corners from row `row` on.
+    Corners { row: usize },
     /// Search candidate `next` and the following ones.
     Search { next: usize },
     /// Insert matched support `next` and the following ones into the mesh.
     Insert { next: usize },
-    /// Rasterise the triangles that changed.
-    Interpolate,
+    /// Rasterise the triangles that changed, those of new vertex `next` and the following ones.
+    Interpolate { next: usize },
     /// Make the candidates of propagation.
     Propagate,
     /// Evaluate costs from row `row` on.
@@ -56,10 +58,10 @@ impl Stage {
     /// For people.
     pub(crate) fn name(self) -> &'static str {
         match self {
-            Self::Choose => "choose",
+            Self::Choose | Self::Corners { .. } => "choose",
             Self::Search { .. } => "search",
             Self::Insert { .. } => "triangulate",
-            Self::Interpolate => "interpolate",
+            Self::Interpolate { .. } => "interpolate",
             Self::Propagate => "propagate",
             Self::Evaluate { .. } => "evaluate",
             Self::Dense(part) => part.name(),
@@ -314,9 +316,10 @@ impl Frame {
     ) -> Option<Stage> {
         match stage {
             Stage::Choose => Some(self.choose(rung, recipe)),
+            Stage::Corners { row } => Some(self.find_corners(row)),
             Stage::Search { next } => Some(self.search(next, rung, recipe, join)),
             Stage::Insert { next } => Some(self.insert(next)),
-            Stage::Interpolate => Some(self.interpolate(rung, join)),
+            Stage::Interpolate { next } => Some(self.interpolate(next, rung, join)),
             Stage::Propagate => Some(self.propagate()),
             Stage::Evaluate { row } => self.evaluate(row, rung, recipe, join),
             Stage::Dense(part) => Some(self.dense_step(part, join)),

@@ -3,6 +3,8 @@
 //! The window's four corners are vertices too, with the disparity of the nearest support, so that every pixel lies in a
 //! triangle.
 
+use std::ops::Range;
+
 use spade::handles::FixedVertexHandle;
 use spade::{DelaunayTriangulation, HasPosition, Point2, Triangulation as _};
 
@@ -90,11 +92,20 @@ impl Triangulation {
         self.mesh.num_inner_faces()
     }
 
-    /// The triangles with at least one vertex of index `first_new` or more. After insertions those are the ones that
+    /// The triangles with at least one vertex of index `first_new` or more.
+    pub(crate) fn triangles_from(&self, first_new: usize) -> impl Iterator<Item = Triangle> + '_ {
+        self.triangles_of(first_new, first_new..self.vertices())
+    }
+
+    /// Those of the triangles from vertex `first_new` on whose first new vertex is one of `vertices`. After insertions those are the ones that
     /// changed: every triangle that Delaunay insertion makes has the inserted point as a vertex. They come in the order of their
     /// first new vertices, so neighbours in it are neighbours in the image.
-    pub(crate) fn triangles_from(&self, first_new: usize) -> impl Iterator<Item = Triangle> + '_ {
-        (first_new..self.mesh.num_vertices()).flat_map(move |index| {
+    pub(crate) fn triangles_of(
+        &self,
+        first_new: usize,
+        vertices: Range<usize>,
+    ) -> impl Iterator<Item = Triangle> + '_ {
+        vertices.flat_map(move |index| {
             let vertex = self.mesh.vertex(FixedVertexHandle::from_index(index));
             vertex.out_edges().filter_map(move |edge| {
                 let others = [edge.to(), edge.next().to()];

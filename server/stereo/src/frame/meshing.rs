@@ -15,6 +15,8 @@ use crate::support::{self, Unexplained};
 const SEARCHES_A_STEP: usize = 256;
 /// Vertices inserted in one step.
 const INSERTIONS_A_STEP: usize = 512;
+/// New vertices whose triangles are rasterised in one step.
+const RASTERISED_A_STEP: usize = 1024;
 /// Pixels evaluated in one step.
 const PIXELS_A_STEP: usize = 65_536;
 /// Supports this far from the mesh, in px, are news to it.
@@ -50,7 +52,10 @@ impl Frame {
                 );
             }
             Work::Paper { .. } if is_first => match recipe.detector {
-                Detector::FastInBins => self.corners.find(&self.left, &mut self.candidates),
+                Detector::FastInBins => {
+                    self.corners.begin(&self.left);
+                    return Stage::Corners { row: 0 };
+                }
                 Detector::StrongestPerCell => {}
             },
             Work::Paper { .. } => {
@@ -60,6 +65,16 @@ impl Frame {
                 self.fresh.extend(self.occupancy.confident());
             }
         }
+        Stage::Search { next: 0 }
+    }
+
+    /// Looks for corners in some rows; after the last one, the best become the candidates.
+    pub(super) fn find_corners(&mut self, row: usize) -> Stage {
+        let rows = (PIXELS_A_STEP / self.width()).max(1);
+        if let Some(row) = self.corners.find(self.level, &self.left, row, rows) {
+            return Stage::Corners { row };
+        }
+        self.corners.best(&mut self.candidates);
         Stage::Search { next: 0 }
     }
 
@@ -114,7 +129,7 @@ impl Frame {
             let (width, height) = (self.width(), self.height());
             self.triangulation.rebuild(&self.fresh, width, height);
             self.supports.append(&mut self.fresh);
-            return Stage::Interpolate;
+            return Stage::Interpolate { next: 0 };
         }
         let end = (next + INSERTIONS_A_STEP).min(self.fresh.len());
         self.triangulation.insert(&self.fresh[next..end]);
@@ -122,24 +137,34 @@ impl Frame {
             return Stage::Insert { next: end };
         }
         self.supports.append(&mut self.fresh);
-        Stage::Interpolate
+        Stage::Interpolate {
+            next: self.rasterised_vertices,
+        }
     }
 
-    /// Rasterises the triangles that changed.
-    pub(super) fn interpolate(&mut self, rung: &Rung, join: &dyn ForkJoin) -> Stage {
+    /// Rasterises some of the triangles that changed, those of vertex `next` and the following ones; the first mesh all at once.
+    pub(super) fn interpolate(&mut self, next: usize, rung: &Rung, join: &dyn ForkJoin) -> Stage {
         let (width, max_fixed) = (self.width(), self.window.max_fixed());
         let (height, changes) = (self.window.roi.height, &mut self.changes);
         let (level, triangulation) = (self.level, &self.triangulation);
         let is_first = self.rasterised_vertices == 0;
         let first_new = self.rasterised_vertices;
-        changes.reset(height);
+        if next == first_new {
+            changes.reset(height);
+        }
+        let vertices = triangulation.vertices();
+        let end = if is_first {
+            vertices
+        } else {
+            (next + fork_join::in_a_step(join, RASTERISED_A_STEP)).min(vertices)
+        };
         let (rows, reach) = (height.div_ceil(fork_join::pieces(join)), rung.window.radius());
         let parts = self
             .interpolated
             .chunks_mut(rows * width)
             .zip(changes.parts_mut(rows));
         fork_join::for_each(join, parts, |piece, (map, mut changes)| {
-            let changed = triangulation.triangles_from(first_new);
+            let changed = triangulation.triangles_of(first_new, next..end);
             let changed = changed.map(|triangle| triangle.vertices);
             let strip = interpolate::Strip {
                 first_row: piece * rows,
@@ -156,7 +181,10 @@ impl Frame {
                 strip.fill(level, changed, max_fixed, mark);
             }
         });
-        self.rasterised_vertices = self.triangulation.vertices();
+        if end < vertices {
+            return Stage::Interpolate { next: end };
+        }
+        self.rasterised_vertices = vertices;
         if let Work::Paper { occupancy_px } = rung.work {
             if is_first {
                 self.cost.fill(u8::MAX);
@@ -211,6 +239,7 @@ impl Frame {
         match rung.work {
             Work::Paper { .. } => {
                 let iteration = Iteration {
+                    level: self.level,
                     left: &self.left_census,
                     right_image: &self.right,
                     mask: &self.gradient.mask,

@@ -4,6 +4,7 @@ use super::{Iteration, Occupancy};
 use crate::census::Pattern;
 use crate::cost::Best;
 use crate::scene::{Image, Noise, Views};
+use crate::simd::Level;
 use crate::support::{Candidate, Support};
 
 const DISPARITIES: usize = 32;
@@ -52,7 +53,9 @@ proptest! {
         let interpolated: Vec<u16> = wild.iter().map(|&d| if d % 2 == 0 { 3 * 64 } else { d / step * step }).collect();
         let before = (noise.words(width * height, 2000), noise.bytes(width * height, 256));
 
+        let level = Level::available()[noise.below(Level::available().len())];
         let iteration = Iteration {
+            level,
             left: &views.left,
             right_image: &views.right_image,
             mask: &mask,
