@@ -149,7 +149,7 @@ async fn a_head_that_is_too_long_or_has_too_many_lines_is_431() {
     assert_eq!(status_line(&server, long.as_bytes()).await, "HTTP/1.1 431");
     let many = format!("GET /livez HTTP/1.1\r\nHost: x\r\n{}\r\n", "X: x\r\n".repeat(101));
     assert_eq!(status_line(&server, many.as_bytes()).await, "HTTP/1.1 431");
-    let client = reqwest::Client::builder()
+    let client = stereo_tests::http::builder()
         .no_proxy()
         .http2_prior_knowledge()
         .build()
