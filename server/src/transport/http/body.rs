@@ -170,10 +170,8 @@ impl BodyLimits {
         body: &mut Body,
         claimed: u64,
     ) -> Result<Received, ServiceError> {
-        let expected = usize::try_from(claimed)
-            .unwrap_or(usize::MAX)
-            .min(FIRST_RESERVATION);
-        let mut bytes = BytesMut::with_capacity(expected);
+        let claimed = usize::try_from(claimed).unwrap_or(usize::MAX);
+        let mut bytes = BytesMut::with_capacity(claimed.min(FIRST_RESERVATION));
         let mut share = Share::default();
         while let Some(frame) = body.frame().await {
             let frame =
@@ -183,6 +181,10 @@ impl BodyLimits {
                 return Err(self.too_large(None));
             }
             share.merge(self.reserve(caller, data.len())?);
+            if bytes.capacity() - bytes.len() < data.len() {
+                // Whoever has sent so much is believed: a body that grew by and by would take up to twice its length.
+                bytes.reserve(claimed.saturating_sub(bytes.len()).max(data.len()));
+            }
             bytes.extend_from_slice(&data);
         }
         Ok(Received {
