@@ -7,7 +7,10 @@ use tokio::net::TcpStream;
 use crate::doors::{ConfigFile, Logging, token};
 
 async fn status(url: &str, method: reqwest::Method) -> u16 {
-    let client = stereo_tests::http::builder().no_proxy().build().expect("a client");
+    let client = stereo_tests::http::builder()
+        .no_proxy()
+        .build()
+        .expect("a client");
     let answer = client.request(method, url).send().await;
     answer.expect("an answer").status().as_u16()
 }

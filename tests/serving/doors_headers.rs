@@ -7,7 +7,10 @@ use crate::doors::GUARDED;
 #[tokio::test]
 async fn every_answer_may_be_framed_by_nobody_and_is_what_it_says_it_is() {
     let server = Stereod::start(&["--workers", "1", "--no-zenoh"]).expect("a server that starts");
-    let client = stereo_tests::http::builder().no_proxy().build().expect("a client");
+    let client = stereo_tests::http::builder()
+        .no_proxy()
+        .build()
+        .expect("a client");
     let pages = ["/", "/docs/", "/docs/index.html", "/docs/swagger-ui-bundle.js"];
     let others = [
         "/livez",

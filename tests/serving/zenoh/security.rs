@@ -168,7 +168,10 @@ async fn a_robot_has_the_same_name_and_the_same_camera_over_http() {
         camera.put(&numbered(sequence)).await;
         assert_eq!(camera.result().await.sequence, Some(sequence));
     }
-    let http = stereo_tests::http::builder().no_proxy().build().expect("a client");
+    let http = stereo_tests::http::builder()
+        .no_proxy()
+        .build()
+        .expect("a client");
     let url = format!("{}/v1/streams/robot-1", fleet.server.process.url());
     for (token, status) in [(&one, 200), (&two, 403)] {
         let answer = http.get(&url).bearer_auth(token).send().await.expect("an answer");
