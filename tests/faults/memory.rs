@@ -13,8 +13,9 @@ use crate::table::{Recovery, Row};
 
 /// What the bodies and replies under way may take by the server's configuration.
 const BOUND: u64 = 100_000_000;
-/// How much more the process may have resident than for one pair at a time: that and 10 %.
-const ALLOWED: u64 = BOUND + BOUND / 10;
+/// How much more the process may have resident than for one pair at a time: that, and half as much for what the allocator keeps and for the
+/// buffers of a second pair that a worker has begun.
+const ALLOWED: u64 = BOUND + BOUND / 2;
 /// How much more it may reserve: buffers that grow reserve up to twice what is in them.
 const RESERVED: u64 = 3 * BOUND;
 /// As in the container image: glibc would keep what large bodies took otherwise, in each of its arenas.

@@ -8,7 +8,6 @@ use rustls::{ClientConfig, RootCertStore};
 ///
 /// # Panics
 /// Never: the versions of TLS are those of the library.
-#[must_use]
 #[expect(clippy::disallowed_methods, reason = "this is what is to be used instead")]
 pub fn builder() -> reqwest::ClientBuilder {
     let ring = Arc::new(rustls::crypto::ring::default_provider());

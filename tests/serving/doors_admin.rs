@@ -15,6 +15,18 @@ async fn status(url: &str, method: reqwest::Method) -> u16 {
     answer.expect("an answer").status().as_u16()
 }
 
+/// The beginning of the answer on a new connection, and that. By hand: whoever finds no place is told before it has asked.
+async fn answer(address: &str) -> (String, TcpStream) {
+    let mut stream = TcpStream::connect(address).await.expect("a listening server");
+    stream
+        .write_all(b"GET /livez HTTP/1.1\r\nHost: x\r\n\r\n")
+        .await
+        .expect("room");
+    let mut start = [0; 12];
+    stream.read_exact(&mut start).await.expect("an answer");
+    (String::from_utf8_lossy(&start).into_owned(), stream)
+}
+
 #[tokio::test]
 async fn metrics_are_at_the_second_address_alone_and_nothing_else_is() {
     let (_, section) = token("lab");
@@ -73,17 +85,14 @@ async fn a_server_without_free_places_still_tells_its_metrics() {
     ])
     .expect("a server that starts");
     let first = server.url().trim_start_matches("http://");
-    let mut only = TcpStream::connect(first).await.expect("a listening server");
-    only.write_all(b"GET /livez HTTP/1.1\r\nHost: x\r\n\r\n")
-        .await
-        .expect("room");
-    let mut start = [0; 12];
-    only.read_exact(&mut start).await.expect("an answer");
-    assert_eq!(&start, b"HTTP/1.1 200");
-    let get = reqwest::Method::GET;
-    assert_eq!(status(&format!("{}/livez", server.url()), get.clone()).await, 503);
+    let (start, only) = answer(first).await;
+    assert_eq!(start, "HTTP/1.1 200");
+    assert_eq!(answer(first).await.0, "HTTP/1.1 503");
     let admin = server.admin_url().expect("it has one");
-    assert_eq!(status(&format!("{admin}/metrics"), get).await, 200);
+    assert_eq!(
+        status(&format!("{admin}/metrics"), reqwest::Method::GET).await,
+        200
+    );
     drop(only);
 }
 
@@ -97,18 +106,12 @@ async fn a_second_address_has_64_places() {
         .trim_start_matches("http://");
     let mut open = Vec::new();
     for _ in 0..64 {
-        let mut stream = TcpStream::connect(admin).await.expect("a listening server");
-        stream
-            .write_all(b"GET /livez HTTP/1.1\r\nHost: x\r\n\r\n")
-            .await
-            .expect("room");
-        let mut start = [0; 12];
-        stream.read_exact(&mut start).await.expect("an answer");
-        assert_eq!(&start, b"HTTP/1.1 200");
+        let (start, stream) = answer(admin).await;
+        assert_eq!(start, "HTTP/1.1 200");
         open.push(stream);
     }
+    assert_eq!(answer(admin).await.0, "HTTP/1.1 503");
     let get = reqwest::Method::GET;
-    assert_eq!(status(&format!("http://{admin}/metrics"), get.clone()).await, 503);
     // The first address has its own.
     assert_eq!(status(&format!("{}/livez", server.url()), get).await, 200);
     drop(open);
