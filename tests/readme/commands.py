@@ -93,7 +93,7 @@ class Reader:
     def type(self, command: str) -> str | None:
         """Runs it; what is wrong with it, if anything."""
         endless = next((sign for word, sign in ENDLESS.items() if re.search(rf"\b{re.escape(word)}\b", command)), None)
-        if " serve" in command and "--instance two" not in command:
+        if re.search(r" serve\b", command) and "--instance two" not in command:
             # The same ports again: the one before goes.
             self.stop()
         # What stays is the program itself, not a shell around it: when it is stopped, its ports are free.
