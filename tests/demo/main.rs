@@ -16,7 +16,7 @@ use image::{DynamicImage, ImageFormat};
 use serde_json::{Value, json};
 use stereo_client::{Accept, Client, PairFiles, Reply};
 use stereo_tests::dataset::LoadedScene;
-use stereo_tests::process::{Stereod, target_dir};
+use stereo_tests::process::{Launch, Stereod, target_dir};
 use stereo_tests::registry_pair::{RegistryPair, calibration};
 use stereo_tests::score::{Accuracy, score};
 
@@ -44,7 +44,10 @@ async fn main() -> Result<()> {
     let pair = RegistryPair::fetch(&target_dir()?)?;
     let scene = pair.load()?;
     println!("Starting the server ..");
-    let server = Stereod::start(&[])?;
+    let server = Stereod::launch(&Launch {
+        is_apart: true,
+        ..Launch::default()
+    })?;
     let client = Client::new(server.url())?;
     client.ready(READY_WITHIN).await?;
     println!(
@@ -94,7 +97,6 @@ async fn main() -> Result<()> {
         }
     }
     camera.close().await?;
-    // Ctrl-C has reached the server, too; it ends as when it is asked to.
     let status = server.stop()?;
     ensure!(status.success(), "the server ended with {status}");
     println!("The server stopped cleanly.");

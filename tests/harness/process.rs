@@ -2,6 +2,7 @@
 
 use std::ffi::OsStr;
 use std::io::{BufRead, BufReader};
+use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdout, Command, ExitStatus, Output, Stdio};
 use std::sync::OnceLock;
@@ -134,6 +135,8 @@ pub struct Launch<'a> {
     pub log: Option<&'a Path>,
     /// Arguments of `stereod serve`, besides the address and the log level.
     pub args: &'a [&'a str],
+    /// Whether Ctrl-C in the terminal is for this process alone, which then stops the server.
+    pub is_apart: bool,
 }
 
 /// Moves the threads of a process whose names start with `name` to `cores`; false if there is none or it can't be done.
@@ -192,6 +195,7 @@ impl Stereod {
             http,
             log,
             args,
+            is_apart,
         } = *launch;
         let program = match program {
             Some(program) => program,
@@ -209,6 +213,9 @@ impl Stereod {
         words.push(program.as_os_str());
         let mut command = Command::new(words[0]);
         command.args(&words[1..]);
+        if is_apart {
+            command.process_group(0);
+        }
         let level = if log.is_some() { "info" } else { "error" };
         if let Some(log) = log {
             let file = std::fs::File::options().create(true).append(true).open(log);
