@@ -16,12 +16,11 @@ use anyhow::{Context, Result, bail};
 /// If this program doesn't lie in one.
 pub fn target_dir() -> Result<PathBuf> {
     let program = std::env::current_exe().context("this program's path is unknown")?;
-    let target = program
-        .ancestors()
-        .find(|folder| folder.join("CACHEDIR.TAG").is_file());
-    target
+    let release = program.ancestors().find(|folder| folder.ends_with("release"));
+    release
+        .and_then(Path::parent)
         .map(PathBuf::from)
-        .with_context(|| format!("{} isn't in a target folder", program.display()))
+        .with_context(|| format!("{} isn't in a folder of release builds", program.display()))
 }
 
 /// What the server is built from, below the workspace's root.
