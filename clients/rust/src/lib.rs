@@ -58,5 +58,5 @@ pub use reply::{Accept, Reply, StageTimes};
 /// The messages of the wire.
 pub use stereo_proto::v1;
 pub use streams::{
-    CameraStream, Frames, Images, LastResult, Network, Rates, Readiness, StreamReport, Streams,
+    CameraStream, Frames, Images, LastResult, Network, Rates, Readiness, StreamReport, Streams, Unpaired,
 };

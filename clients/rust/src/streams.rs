@@ -114,7 +114,7 @@ impl Frames {
 }
 
 /// Counts of single images since the server has seen the camera first.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Images {
     /// Images that came.
     pub received: u64,
@@ -124,6 +124,22 @@ pub struct Images {
     pub unpaired: BTreeMap<String, u64>,
     /// Those that wait for their other half.
     pub waiting: u64,
+    /// The last of those that are in no pair, the newest at the end.
+    #[serde(default)]
+    pub last_unpaired: Vec<Unpaired>,
+}
+
+/// A single image that became part of no pair.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Unpaired {
+    /// `left` or `right`.
+    pub side: String,
+    /// The image's number.
+    pub sequence: Option<u64>,
+    /// Why, such as `alone`.
+    pub why: String,
+    /// Distance in time to the nearest image of the other side, in milliseconds.
+    pub nearest_ms: Option<f64>,
 }
 
 /// The last result of a stream.
@@ -163,12 +179,14 @@ mod tests {
         let json = r#"{"streams": [{"camera": "front", "served": true, "settings_revision": 0,
             "rates": {"received_hz": 30.0, "answered_hz": 29.5},
             "frames": {"received": 10, "answered": 7, "answered_late": 2, "dropped": {"SUPERSEDED": 2, "EXPIRED": 1}, "under_way": 0, "lost": 3, "unsent": 0},
-            "images": {"received": 0, "paired": 0, "unpaired": {}, "waiting": 0, "last_unpaired": []},
+            "images": {"received": 0, "paired": 0, "unpaired": {}, "waiting": 0, "last_unpaired": [{"side": "left", "sequence": 4, "why": "alone", "nearest_ms": 12.5}]},
             "last_error": null, "last_result": null}],
             "zenoh": {"state": "open", "connections": 1}}"#;
         let streams: Streams = serde_json::from_str(json).unwrap();
         let frames = &streams.streams[0].frames;
         assert_eq!((frames.dropped_total(), frames.in_budget()), (3, 5));
+        let unpaired = streams.streams[0].images.last_unpaired.first();
+        assert_eq!(unpaired.and_then(|image| image.nearest_ms), Some(12.5));
         assert_eq!(streams.zenoh.locators, Vec::<String>::new());
     }
 }

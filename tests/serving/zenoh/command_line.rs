@@ -1,9 +1,13 @@
 //! What `stereo` does with cameras and servers over Zenoh.
 
+use std::time::Duration;
+
+use prost::Message;
 use serde_json::Value;
+use stereo_proto::v1;
 use stereo_tests::zenoh::{Router, client};
 
-use super::network::{Network, serve, until_alive};
+use super::network::{IMAGE, Network, serve, until_alive};
 use crate::command_line::{Folder, stereo};
 use crate::conversation::{PAIR, message};
 
@@ -136,6 +140,56 @@ async fn doctor_finds_that_a_camera_is_missing_silent_or_well() {
         "{lines:?}"
     );
     assert_eq!(lines.last().expect("a summary")["failed"], 0);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn doctor_finds_that_images_are_too_far_apart_to_be_pairs() {
+    let network = Network::start(&[]).await;
+    network.server.until_ready().await;
+    let camera = network.camera("front").await;
+    let url = network.server.process.url().to_owned();
+    let asked = tokio::task::spawn_blocking(move || {
+        let args = [
+            "doctor", "--json", "--camera", "front", "--size", "64x64", "--rate", "0.1", "--budget", "60s",
+        ];
+        stereo(&url, &[&args[..], &["--watch", "2s"]].concat())
+    });
+    let image = |image: Option<v1::Image>, ms: u32| {
+        let timestamp = Some(prost_types::Timestamp {
+            seconds: i64::from(ms / 1000),
+            nanos: i32::try_from(ms % 1000 * 1_000_000).expect("under a second"),
+        });
+        v1::Image {
+            timestamp,
+            ..image.expect("a test image")
+        }
+        .encode_to_vec()
+    };
+    // The right camera is 40 ms behind the left one.
+    for frame in 1.. {
+        if asked.is_finished() {
+            break;
+        }
+        let taken_ms = 100 * frame;
+        camera
+            .put_raw("/left", IMAGE, image(message().left, taken_ms), None)
+            .await;
+        camera
+            .put_raw("/right", IMAGE, image(message().right, taken_ms + 40), None)
+            .await;
+        // A camera's pace.
+        tokio::time::sleep(Duration::from_millis(20)).await;
+    }
+    let said = asked.await.expect("a program that ends");
+    said.assert(1, &[]);
+    let lines = said.json();
+    assert_eq!(check(&lines, "frames of front arrive")["ok"], true, "{lines:?}");
+    let unpaired = check(&lines, "images of front paired");
+    assert_eq!(unpaired["ok"], false, "{lines:?}");
+    let found = unpaired["found"].as_str().expect("a sentence");
+    for words in ["alone", "40.0 ms away", "closer than the camera's tolerance"] {
+        assert!(found.contains(words), "{found}");
+    }
 }
 
 #[tokio::test(flavor = "multi_thread")]

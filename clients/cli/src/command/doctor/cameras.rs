@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use stereo_client::{CameraPresence, CameraStream, Client, Fleet};
+use stereo_client::{CameraPresence, CameraStream, Client, Fleet, Unpaired};
 
 use super::{Findings, Kind};
 use crate::args::DoctorArgs;
@@ -130,8 +130,9 @@ fn frames(
         let unpaired = since(|s| s.images.unpaired.values().sum());
         if paired == 0 || unpaired > paired {
             let what = format!(
-                "{images} images came {watched}, {paired} found their other half, {unpaired} did not: give both the same \
-                 sequence, or timestamps closer than the camera's tolerance (GET /v1/streams/{name} shows how far apart they are)"
+                "{images} images came {watched}, {paired} found their other half, {unpaired} did not{}: give both the same \
+                 sequence, or timestamps closer than the camera's tolerance",
+                after.images.last_unpaired.last().map(told).unwrap_or_default()
             );
             findings.fail(Kind::Failed, &check, &what)?;
         } else {
@@ -143,6 +144,21 @@ fn frames(
         return Ok(());
     }
     in_budget(after, outcome, findings)
+}
+
+/// An image that is in no pair, as the end of a sentence's part.
+fn told(unpaired: &Unpaired) -> String {
+    let number = unpaired.sequence.map(|number| format!(" {number}"));
+    let nearest = unpaired
+        .nearest_ms
+        .map(|ms| format!(", the nearest of the other side {ms:.1} ms away"));
+    format!(
+        " (the last, {}{}: {}{})",
+        unpaired.side,
+        number.unwrap_or_default(),
+        unpaired.why,
+        nearest.unwrap_or_default()
+    )
 }
 
 /// What became of frames between two looks; those answered late are answered.
