@@ -29,6 +29,10 @@ const DEFAULT_BUDGET: Duration = Duration::from_millis(100);
 const GRACE: Duration = Duration::from_secs(2);
 /// Time to look again for a server, while there is none.
 const LOOK_AGAIN: Duration = Duration::from_millis(20);
+/// Time to look whether the server that was asked is still there.
+const STILL_THERE: Duration = Duration::from_millis(100);
+/// Servers that are asked at a time at most.
+const MOST_ASKED: usize = 8;
 /// Encoding of a request.
 const REQUEST: &str = "application/protobuf;stereo.v1.StereoRequest";
 
@@ -178,6 +182,7 @@ impl Fleet {
         let payload = ZBytes::from(request.encode_to_vec());
         let mut hedge_at = self.hedge.map(|share| started + budget.mul_f64(share));
         let mut tried: Vec<String> = Vec::new();
+        let mut asked_last: Option<(String, Instant)> = None;
         let mut running = FuturesUnordered::new();
         let mut last = ClientError::Unavailable {
             waited: budget,
@@ -186,30 +191,48 @@ impl Fleet {
         loop {
             let now = Instant::now();
             let left = deadline.saturating_duration_since(now);
-            let is_due = running.is_empty() || hedge_at.is_some_and(|at| at <= now);
-            if is_due && !left.is_zero() {
-                if running.is_empty() && !tried.is_empty() && !self.roster.has_other(&tried) {
-                    if matches!(last, ClientError::Refused(_)) {
-                        return Err(last);
+            // An answer that is lost on the way is not missed by Zenoh if the router goes at the wrong moment.
+            let is_lost = asked_last
+                .as_ref()
+                .is_some_and(|(server, at)| self.roster.may_have_lost(server, *at));
+            let needs_one = running.is_empty() || is_lost;
+            let is_due = needs_one || hedge_at.is_some_and(|at| at <= now);
+            if is_due && !left.is_zero() && running.len() < MOST_ASKED {
+                if needs_one && !tried.is_empty() && !self.roster.has_other(&tried) {
+                    if running.is_empty() {
+                        if matches!(last, ClientError::Refused(_)) {
+                            return Err(last);
+                        }
+                        tokio::time::sleep(LOOK_AGAIN).await;
                     }
                     // Nobody has answered: whoever comes back gets another chance.
-                    tokio::time::sleep(LOOK_AGAIN).await;
                     tried.clear();
                 }
                 if let Some(server) = self.roster.choose(&tried, left) {
-                    if !running.is_empty() {
+                    if !needs_one {
                         hedge_at = None;
                     }
                     tried.push(server.clone());
+                    asked_last = Some((server.clone(), Instant::now()));
                     running.push(self.ask(server, payload.clone(), left));
                 }
             }
             if running.is_empty() && left.is_zero() {
                 return Err(last);
             }
-            let wake = [hedge_at, running.is_empty().then_some(now + LOOK_AGAIN)];
-            let wake = wake.into_iter().flatten().filter(|&at| at > now).min();
-            let wake = wake.unwrap_or(deadline + GRACE);
+            let look_at = match needs_one {
+                true => now + LOOK_AGAIN,
+                false => now + STILL_THERE,
+            };
+            let wake = match running.is_empty() {
+                true => look_at.min(deadline),
+                false => [hedge_at, Some(look_at)]
+                    .into_iter()
+                    .flatten()
+                    .filter(|&at| at > now && at < deadline)
+                    .min()
+                    .unwrap_or(deadline + GRACE),
+            };
             tokio::select! {
                 Some(outcome) = running.next() => match outcome {
                     Ok(result) => return Ok(result),

@@ -25,8 +25,21 @@ pub(super) struct Roster(Mutex<HashMap<String, Server>>);
 
 #[derive(Debug, Clone)]
 struct Server {
+    /// It has been here since then, as far as is known.
+    since: Instant,
     heard_at: Instant,
     load: ServerLoad,
+}
+
+impl Server {
+    /// One that has told nothing yet.
+    fn new(now: Instant) -> Self {
+        Self {
+            since: now,
+            heard_at: now,
+            load: ServerLoad::default(),
+        }
+    }
 }
 
 impl Roster {
@@ -64,13 +77,16 @@ impl Roster {
         }
         // One that tells its load is there, whatever was heard of its token: the token's end and its next beginning may come by
         // two ways, and in the wrong order.
-        let heard_at = Instant::now();
         let mut servers = self.lock();
         if servers.len() >= MOST_SERVERS {
             servers.retain(|_, server| server.heard_at.elapsed() < SILENCE);
         }
         if servers.len() < MOST_SERVERS || servers.contains_key(&load.instance) {
-            servers.insert(load.instance.clone(), Server { heard_at, load });
+            let now = Instant::now();
+            let server = servers
+                .entry(load.instance.clone())
+                .or_insert_with(|| Server::new(now));
+            (server.heard_at, server.load) = (now, load);
         }
     }
 
@@ -82,8 +98,14 @@ impl Roster {
                     instance: name.to_owned(),
                     ..ServerLoad::default()
                 };
-                let heard_at = Instant::now();
-                self.lock().insert(name.to_owned(), Server { heard_at, load });
+                let now = Instant::now();
+                self.lock().insert(
+                    name.to_owned(),
+                    Server {
+                        load,
+                        ..Server::new(now)
+                    },
+                );
             }
             SampleKind::Delete => drop(self.lock().remove(name)),
         }
@@ -93,6 +115,13 @@ impl Roster {
         let mut servers: Vec<ServerLoad> = self.lock().values().map(|server| server.load.clone()).collect();
         servers.sort_by(|a, b| a.instance.cmp(&b.instance));
         servers
+    }
+
+    /// Whether what the server was asked at `asked_at` may be lost: it is gone or silent, or has come anew since then.
+    pub(super) fn may_have_lost(&self, server: &str, asked_at: Instant) -> bool {
+        let servers = self.lock();
+        let is_same = |server: &Server| server.since <= asked_at && server.heard_at.elapsed() < SILENCE;
+        !servers.get(server).is_some_and(is_same)
     }
 
     /// Whether there is a server that has not been tried.
@@ -156,8 +185,13 @@ mod tests {
             draining,
             ..ServerLoad::default()
         };
-        let heard_at = Instant::now();
-        (instance.to_owned(), Server { heard_at, load })
+        (
+            instance.to_owned(),
+            Server {
+                load,
+                ..Server::new(Instant::now())
+            },
+        )
     }
 
     fn roster(servers: impl IntoIterator<Item = (String, Server)>) -> Roster {
@@ -200,5 +234,18 @@ mod tests {
             .expect("the machine has run for a second");
         let roster = roster([server("stopping", 0, true), (name, silent)]);
         assert_eq!(roster.choose(&[], LEFT), None);
+    }
+
+    #[test]
+    fn what_a_server_was_asked_may_be_lost_if_it_is_gone_silent_or_here_anew() {
+        let before = Instant::now();
+        let roster = roster([server("anew", 0, false)]);
+        assert!(roster.may_have_lost("anew", before));
+        assert!(!roster.may_have_lost("anew", Instant::now()));
+        assert!(roster.may_have_lost("gone", Instant::now()));
+        let long_ago = Instant::now().checked_sub(SILENCE);
+        roster.lock().get_mut("anew").expect("it is there").heard_at =
+            long_ago.expect("the machine has run for a second");
+        assert!(roster.may_have_lost("anew", Instant::now()));
     }
 }
