@@ -14,6 +14,7 @@ SUITE = "bookworm"
 MIRROR = "http://deb.debian.org/debian"
 BASE = ROOT / "target/docker/base"
 STORE = ROOT / "target/docker/images"
+BINARY = STORE / "binary/stereod"
 ENVIRONMENT = {**os.environ, "STORAGE_DRIVER": "vfs", "BUILDAH_ISOLATION": "chroot"}
 PAIR = ROOT / "clients/console/public/sample"
 # Runs inside: a server that is healthy, until somebody says that it is enough, and its own exit code.
@@ -42,7 +43,9 @@ def check(report: Report) -> None:
     else:
         shutil.rmtree(STORE, ignore_errors=True)
         try:
-            report.all_of(WHAT, build_and_run(binary))
+            problems = build_and_run(binary)
+            megabytes = round(BINARY.stat().st_size / 1e6)
+            report.all_of(f"{WHAT} ({megabytes} MB over its base)", problems)
         except subprocess.CalledProcessError as failed:
             report.bad(WHAT, f"{' '.join(map(str, failed.cmd))}\n{failed.stderr}")
         finally:
@@ -84,12 +87,13 @@ def build_and_run(binary: Path) -> list[str]:
     buildah("add", "--quiet", empty, BASE, "/")
     buildah("commit", "--quiet", empty, f"debootstrapped:{SUITE}")
     # In the place of the stages that compile, and of the base that a registry would have.
-    alone = STORE / "binary"
-    alone.mkdir()
-    shutil.copy(binary, alone / "stereod")
+    BINARY.parent.mkdir()
+    shutil.copy(binary, BINARY)
+    # As the stage that compiles does.
+    subprocess.run(["strip", "--strip-debug", BINARY], capture_output=True, text=True, check=True)
     buildah(
         *("build", "--quiet", "--format", "docker", "--file", DOCKER / "Dockerfile", "--tag", "stereod"),
-        *("--build-context", f"binary={alone}"),
+        *("--build-context", f"binary={BINARY.parent}"),
         *("--build-context", f"debian:{SUITE}-slim=container-image://localhost/debootstrapped:{SUITE}"),
         ROOT,
     )

@@ -10,6 +10,7 @@
     expect(dead_code, reason = "what only the Zenoh transport calls")
 )]
 
+pub mod allocator;
 pub mod args;
 pub mod clients;
 pub mod config;

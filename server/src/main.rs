@@ -9,7 +9,7 @@ use stereod::args::{Cli, Command};
 use stereod::config::Config;
 use stereod::shutdown::StopSignals;
 use stereod::token::NewToken;
-use stereod::{Server, StartError, logs, offline};
+use stereod::{Server, StartError, allocator, logs, offline};
 
 /// Bad flags or configuration (sysexits.h: EX_USAGE).
 const USAGE: u8 = 64;
@@ -27,6 +27,9 @@ fn main() -> ExitCode {
             return ExitCode::from(if error.use_stderr() { USAGE } else { 0 });
         }
     };
+    if matches!(cli.command, Command::Serve(_)) {
+        allocator::give_back();
+    }
     run(cli).err().unwrap_or(ExitCode::SUCCESS)
 }
 
