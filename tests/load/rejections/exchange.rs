@@ -25,6 +25,7 @@ pub(super) fn exchange(address: &str, request: &[u8]) -> Result<Answer> {
     let mut stream = TcpStream::connect(address)?;
     stream.set_nodelay(true)?;
     stream.set_read_timeout(Some(HANGS))?;
+    stream.set_write_timeout(Some(HANGS))?;
     // The server may have answered, and read no further, before all of it is sent.
     match stream.write_all(request) {
         Err(error) if !matches!(error.kind(), ErrorKind::BrokenPipe | ErrorKind::ConnectionReset) => {
