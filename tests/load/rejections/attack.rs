@@ -13,7 +13,7 @@ use crate::frames::Frames;
 
 const PROTOBUF: &str = "application/x-protobuf";
 /// As long as a head may be.
-const LONGEST_HEAD: usize = 128 << 10;
+const LONGEST_HEAD: usize = 16 << 10;
 
 /// One kind of input.
 pub(super) struct Attack {

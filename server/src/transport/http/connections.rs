@@ -41,8 +41,9 @@ const CLOSE: Duration = Duration::from_secs(2);
 const ACCEPT_PAUSE: Duration = Duration::from_millis(100);
 /// A batch gives its client up after the time for a body, and says so; the connection waits a little longer than that.
 const PATIENCE_FACTOR: u32 = 2;
-/// What a connection of HTTP/1.1 may hold of what came or is to go, and so the longest head.
-const MAX_BUFFER_BYTES: usize = 128 << 10;
+/// What a connection of HTTP/1.1 may hold of what came or is to go, and so the longest head. Small, since refused clients that still send
+/// are many: hundreds of them beside a flood.
+const MAX_BUFFER_BYTES: usize = 16 << 10;
 /// Requests that one HTTP/2 connection may have under way.
 const MAX_STREAMS: u32 = 64;
 
