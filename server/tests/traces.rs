@@ -80,6 +80,7 @@ fn stereod(args: &[&str]) -> Command {
             "127.0.0.1:0",
             "--workers",
             "1",
+            "--no-zenoh",
             "--log",
             "error",
         ])
