@@ -21,10 +21,9 @@ const BUDGET: Duration = Duration::from_secs(1);
 const DISK: usize = 64 << 10;
 /// Descriptors that the server may have.
 const DESCRIPTORS: u64 = 64;
-/// Makes the file system read-only for the program that follows, /tmp too, which is seen to by trying. What is left is /dev/shm, without
-/// which Zenoh opens no session.
-const READ_ONLY: &str =
-    "mount -o remount,bind,ro / && ! touch /tmp/stereod-read-only 2>/dev/null && exec \"$0\" \"$@\"";
+/// Makes everything read-only for the program that follows, which is seen to by trying.
+const READ_ONLY: &str = "mount -o remount,bind,ro / && mount -t tmpfs -o ro none /dev/shm \
+    && ! touch /tmp/stereod 2>/dev/null && ! touch /dev/shm/stereod 2>/dev/null && exec \"$0\" \"$@\"";
 
 /// The disk that the log is on is full.
 pub(crate) async fn disk_full() -> Result<Row> {
@@ -73,7 +72,7 @@ impl Drop for Disk<'_> {
     }
 }
 
-/// Nothing can be written to any disk, not even to /tmp.
+/// Nothing can be written to any disk, not even to /tmp, and there is no shared memory.
 pub(crate) async fn read_only() -> Result<Row> {
     let router = Router::start().await?;
     let args = ["--workers", "1", "--zenoh-connect", router.endpoint()];
@@ -96,7 +95,7 @@ pub(crate) async fn read_only() -> Result<Row> {
     let (http, zenoh) = (over_http.stop().await?, over_zenoh.stop().await?);
     stop(server).await?;
     router.stop().await?;
-    let fault = "the file system is read-only, /tmp too";
+    let fault = "the file system is read-only, /tmp and /dev/shm too";
     Ok(Row {
         saw: format!("HTTP: {http}; Zenoh: {zenoh}"),
         lost: http.cut + http.not_taken + zenoh.cut,

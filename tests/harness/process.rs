@@ -82,8 +82,9 @@ fn current_binary(name: &str, sources: &[&str]) -> Result<PathBuf> {
     if built.is_ok_and(|built| sources.iter().all(|source| is_older(&root.join(source), built))) {
         return Ok(binary);
     }
+    // Not quietly: it takes minutes, in which nothing else is said.
     let status = Command::new("cargo")
-        .args(["build", "--release", "--quiet", "--workspace", "--bin", name])
+        .args(["build", "--release", "--workspace", "--bin", name])
         .arg("--target-dir")
         .arg(&target)
         .current_dir(root)

@@ -28,6 +28,8 @@ const RECEIVE_BUFFER_BYTES: u32 = 4 << 20;
 const DROP_AFTER_US: u32 = 200_000;
 /// Pieces of large messages, 64 KiB each, that may wait for a link: with Zenoh's own 2, the sender and the link take turns.
 const SEND_QUEUE: u32 = 16;
+/// Whether a session uses shared memory, in Zenoh's configuration.
+const SHARED_MEMORY: &str = "transport/shared_memory/enabled";
 /// A message is this much longer than its payload at most.
 const ENVELOPE_BYTES: u64 = 64 << 10;
 
@@ -119,7 +121,7 @@ pub(super) async fn open(
     outgoing: &Arc<Outgoing>,
 ) -> Session {
     loop {
-        match zenoh::open(config.clone()).await {
+        match open_somehow(config).await {
             Ok(session) => {
                 watch(&session, &reachable_at(&session, config).await, streams, outgoing).await;
                 return session;
@@ -131,6 +133,30 @@ pub(super) async fn open(
         }
         tokio::time::sleep(REOPEN_AFTER).await;
     }
+}
+
+/// Opens a session, without shared memory where the system has none to give.
+async fn open_somehow(config: &zenoh::Config) -> zenoh::Result<Session> {
+    let why = match zenoh::open(config.clone()).await {
+        Err(why) if shares_memory(config) => why,
+        done => return done,
+    };
+    let mut without = config.clone();
+    without.insert_json5(SHARED_MEMORY, "false")?;
+    match zenoh::open(without).await {
+        Ok(session) => {
+            tracing::warn!(%why, "shared memory can't be used: frames and results of this host go through the network too");
+            Ok(session)
+        }
+        // Then it was something else.
+        Err(_) => Err(why),
+    }
+}
+
+fn shares_memory(config: &zenoh::Config) -> bool {
+    config
+        .get_json(SHARED_MEMORY)
+        .is_ok_and(|enabled| enabled == "true")
 }
 
 /// Where the session listens, or if it doesn't, where the router is that it is a client of.
