@@ -7,6 +7,7 @@ mod half;
 mod helpers;
 mod prime;
 mod rig;
+mod spares;
 mod watch;
 mod worker;
 

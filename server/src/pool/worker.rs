@@ -10,6 +10,7 @@ use stereo_scheduler::{Dispatch as Taken, Plan, StopReason, Ticket, Verdict};
 use super::Shared;
 use super::climb::{Guide, Height, Share, Stopped, Top, climb};
 use super::rig::Rig;
+use super::spares::{SPARE_PX, Spares};
 use crate::dispatch::{Job, Seat, work};
 use crate::encode;
 use crate::job::{Degradation, FrameReply, MatchedFrame, PriorityClass, ReplyFormat, Report, RungsCut};
@@ -24,12 +25,9 @@ pub(crate) struct Worker {
     /// Frames that make room for others, and their rigs: one of the background class at most, and of those with a deadline as many as
     /// the scheduler allows.
     aside: Vec<(Run, Rig)>,
-    /// Rigs for the other frames meanwhile, kept for the next time.
-    spare: Vec<Rig>,
+    /// Rigs for the other frames meanwhile.
+    spares: Spares,
 }
-
-/// Pixels that the spare rigs of a worker are made for, all together; one is kept however large it is.
-const SPARE_PX: usize = 4_000_000;
 
 /// A frame that a worker has taken.
 pub(crate) struct Run {
@@ -86,7 +84,7 @@ impl Worker {
             shared,
             rig: Rig::default(),
             aside: Vec::new(),
-            spare: Vec::new(),
+            spares: Spares::default(),
         }
     }
 
@@ -108,17 +106,8 @@ impl Worker {
 
     /// Puts the rig aside, and one of those in its place that frames with a deadline have while another lies aside.
     pub(super) fn swap_rigs(&mut self) {
-        let spare = self.spare.pop().unwrap_or_default();
-        let rig = std::mem::replace(&mut self.rig, spare);
-        self.keep(rig);
-    }
-
-    /// Keeps a rig for the next time, if it isn't too much.
-    fn keep(&mut self, rig: Rig) {
-        let kept: usize = self.spare.iter().map(Rig::largest_px).sum();
-        if self.spare.is_empty() || kept + rig.largest_px() <= SPARE_PX {
-            self.spare.push(rig);
-        }
+        let rig = std::mem::replace(&mut self.rig, self.spares.take());
+        self.spares.keep(rig, Instant::now());
     }
 
     /// Makes the images of a frame gray, with the rig that is in place, unless that holds far more memory than the frame needs and
@@ -140,7 +129,7 @@ impl Worker {
     /// Lays a frame aside with its rig.
     pub(crate) fn put_aside(&mut self, mut run: Run) {
         run.aside_since = Some(Instant::now());
-        let rig = std::mem::replace(&mut self.rig, self.spare.pop().unwrap_or_default());
+        let rig = std::mem::replace(&mut self.rig, self.spares.take());
         self.aside.push((run, rig));
     }
 
@@ -149,7 +138,7 @@ impl Worker {
         let place = self.aside.iter().position(|(run, _)| run.ticket == ticket)?;
         let (mut run, rig) = self.aside.swap_remove(place);
         let spare = std::mem::replace(&mut self.rig, rig);
-        self.keep(spare);
+        self.spares.keep(spare, Instant::now());
         run.verdict = verdict;
         if let Some(since) = run.aside_since.take() {
             run.aside_for += since.elapsed();
