@@ -31,7 +31,7 @@ wait $server
 def check(report: Report) -> None:
     """Builds the stage, starts it as its own user, asks its health, has a pair matched, and stops it."""
     binary = Path(os.environ.get("STEREOD", ROOT / "target/release/stereod"))
-    missing = [name for name in ("buildah", "debootstrap") if tool(name) is None]
+    missing = [name for name in ("buildah", "debootstrap", "strip") if tool(name) is None]
     if missing:
         report.skip(WHAT, f"{' and '.join(missing)} not installed (Debian)")
     elif os.geteuid() != 0:
