@@ -191,7 +191,7 @@ impl Fleet {
         loop {
             let now = Instant::now();
             let left = deadline.saturating_duration_since(now);
-            // An answer that is lost on the way is not missed by Zenoh if the router goes at the wrong moment.
+            // Where the router goes at the wrong moment, Zenoh may go on waiting for an answer that will not come.
             let is_lost = asked_last
                 .as_ref()
                 .is_some_and(|(server, at)| self.roster.may_have_lost(server, *at));
