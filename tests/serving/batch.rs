@@ -178,6 +178,23 @@ async fn a_batch_that_breaks_off_ends_in_a_status_after_what_was_whole() {
 }
 
 #[tokio::test]
+async fn a_run_of_zeros_is_no_request_each() {
+    let server = Server::start(&[]);
+    let whole = small(0).encode_length_delimited_to_vec();
+    let mut stream = begin(&server, &[&whole[..], &[0; 10_000]].concat(), true).await;
+    let mut answer = Vec::new();
+    stream.read_to_end(&mut answer).await.expect("an answer");
+    let text = String::from_utf8_lossy(&answer);
+    assert!(text.contains("pair-0") && text.contains("0 bytes"), "{text}");
+    assert_eq!(
+        server
+            .metric("stereod_requests_total{class=\"unknown\",outcome=\"INVALID\"}")
+            .await,
+        1.0
+    );
+}
+
+#[tokio::test]
 async fn a_client_that_hangs_up_in_the_middle_cancels_its_batch() {
     let server = Server::start(&[]);
     let whole = small(0).encode_length_delimited_to_vec();

@@ -45,8 +45,8 @@ impl Delimited {
     /// Length in bytes of the message that comes next, as soon as that much has arrived.
     ///
     /// # Errors
-    /// [`ServiceError::Invalid`] if this can't be a length, [`ServiceError::TooLarge`] if it is above the limit. What follows can't be
-    /// read then.
+    /// [`ServiceError::Invalid`] if this can't be a length or is 0, [`ServiceError::TooLarge`] if it is above the limit. What follows
+    /// can't be read then.
     pub fn next_len(&mut self) -> Result<Option<usize>, ServiceError> {
         if self.len.is_none() {
             self.len = self.read_len()?;
@@ -84,6 +84,12 @@ impl Delimited {
         };
         let mut varint = &start[..=end];
         let len = prost::encoding::decode_varint(&mut varint).map_err(|_| malformed())?;
+        if len == 0 {
+            // Every byte of a run of zeros would be a request, and get a refusal a hundred times its size.
+            return Err(ServiceError::Invalid(
+                "a request of a batch has 0 bytes: the batch ends here, send the rest again".to_owned(),
+            ));
+        }
         if len > self.max_len {
             return Err(ServiceError::TooLarge(format!(
                 "a request of a batch can have up to {} bytes, got {len}: send a smaller image or a tighter encoding",
@@ -146,7 +152,7 @@ mod tests {
 
     #[test]
     fn messages_are_found_in_pieces_of_any_size() {
-        let sent = [status(""), status("short"), status(&"long ".repeat(100))];
+        let sent = [status("a"), status("short"), status(&"long ".repeat(100))];
         let stream: Vec<u8> = sent.iter().flat_map(delimited).collect();
         for size in [1, 2, 7, stream.len()] {
             let mut reader = Delimited::new(1 << 10);
@@ -194,6 +200,9 @@ mod tests {
         assert!(matches!(reader.next_message(), Err(ServiceError::TooLarge(_))));
         let mut reader = Delimited::new(100);
         reader.push(&[0xff; 10]);
+        assert!(matches!(reader.next_message(), Err(ServiceError::Invalid(_))));
+        let mut reader = Delimited::new(100);
+        reader.push(&[0, 0]);
         assert!(matches!(reader.next_message(), Err(ServiceError::Invalid(_))));
     }
 }
