@@ -6,6 +6,7 @@ mod errors;
 mod fleet;
 mod frames;
 mod hosts;
+mod impostors;
 mod lifecycle;
 mod network;
 mod parity;

@@ -182,8 +182,10 @@ impl Fleet {
         let payload = ZBytes::from(request.encode_to_vec());
         let mut hedge_at = self.hedge.map(|share| started + budget.mul_f64(share));
         let mut tried: Vec<String> = Vec::new();
-        let mut asked_last: Option<(String, Instant)> = None;
         let mut running = FuturesUnordered::new();
+        // What they wait for: the server, and when it was asked.
+        let mut waiting: Vec<(String, Instant)> = Vec::new();
+        let mut again_at = started;
         let mut last = ClientError::Unavailable {
             waited: budget,
             why: "no server is there".to_owned(),
@@ -192,39 +194,39 @@ impl Fleet {
             let now = Instant::now();
             let left = deadline.saturating_duration_since(now);
             // Where the router goes at the wrong moment, Zenoh may go on waiting for an answer that will not come.
-            let is_lost = asked_last
-                .as_ref()
-                .is_some_and(|(server, at)| self.roster.may_have_lost(server, *at));
-            let needs_one = running.is_empty() || is_lost;
-            let is_due = needs_one || hedge_at.is_some_and(|at| at <= now);
-            if is_due && !left.is_zero() && running.len() < MOST_ASKED {
-                if needs_one && !tried.is_empty() && !self.roster.has_other(&tried) {
-                    if running.is_empty() {
-                        if matches!(last, ClientError::Refused(_)) {
-                            return Err(last);
-                        }
-                        tokio::time::sleep(LOOK_AGAIN).await;
-                    }
-                    // Nobody has answered: whoever comes back gets another chance.
-                    tried.clear();
+            let needs_one = waiting
+                .iter()
+                .all(|(server, asked_at)| self.roster.may_have_lost(server, *asked_at));
+            if needs_one && !tried.is_empty() && !self.roster.has_other(&tried) {
+                if waiting.is_empty() && matches!(last, ClientError::Refused(_)) {
+                    return Err(last);
                 }
+                // Whoever comes back gets another chance, in a moment.
+                tried.clear();
+                again_at = now + LOOK_AGAIN;
+            }
+            let is_hedge_due = hedge_at.is_some_and(|at| at <= now);
+            let is_due = is_hedge_due || needs_one && again_at <= now;
+            if is_due && !left.is_zero() && waiting.len() < MOST_ASKED {
                 if let Some(server) = self.roster.choose(&tried, left) {
                     if !needs_one {
                         hedge_at = None;
                     }
+                    let asked = (server.clone(), Instant::now());
                     tried.push(server.clone());
-                    asked_last = Some((server.clone(), Instant::now()));
-                    running.push(self.ask(server, payload.clone(), left));
+                    waiting.push(asked.clone());
+                    let answer = self.ask(server, payload.clone(), left);
+                    running.push(async { (asked, answer.await) });
                 }
             }
-            if running.is_empty() && left.is_zero() {
+            if waiting.is_empty() && left.is_zero() {
                 return Err(last);
             }
             let look_at = match needs_one {
                 true => now + LOOK_AGAIN,
                 false => now + STILL_THERE,
             };
-            let wake = match running.is_empty() {
+            let wake = match waiting.is_empty() {
                 true => look_at.min(deadline),
                 false => [hedge_at, Some(look_at)]
                     .into_iter()
@@ -234,11 +236,14 @@ impl Fleet {
                     .unwrap_or(deadline + GRACE),
             };
             tokio::select! {
-                Some(outcome) = running.next() => match outcome {
-                    Ok(result) => return Ok(result),
-                    Err(error) if is_worth_another(&error) => last = error,
-                    Err(error) => return Err(error),
-                },
+                Some((asked, outcome)) = running.next() => {
+                    waiting.retain(|other| *other != asked);
+                    match outcome {
+                        Ok(result) => return Ok(result),
+                        Err(error) if is_worth_another(&error) => last = error,
+                        Err(error) => return Err(error),
+                    }
+                }
                 () = tokio::time::sleep_until(wake.into()) => {
                     if Instant::now() >= deadline + GRACE {
                         return Err(last);

@@ -32,7 +32,7 @@ async fn servers(router: &Router, names: &[&'static str]) -> (BTreeMap<&'static 
     (servers, fleet)
 }
 
-fn instance(result: &v1::StereoResult) -> &str {
+pub(super) fn instance(result: &v1::StereoResult) -> &str {
     &result.report.as_ref().expect("always present").instance
 }
 
@@ -73,34 +73,6 @@ async fn a_second_server_answers_when_the_first_is_frozen() {
         assert_eq!(instance(&result), "two");
     }
     frozen.process.signal("CONT").expect("a frozen server");
-}
-
-#[tokio::test(flavor = "multi_thread")]
-async fn another_server_is_asked_when_the_one_that_was_asked_has_gone_without_an_answer() {
-    let router = Router::start().await.expect("a router on a free port");
-    let other = client(router.endpoint())
-        .await
-        .expect("a connection to the router");
-    // A server that takes a request and never answers: as one looks whose answer is lost.
-    let asked = other
-        .declare_queryable("stereo/v1/compute/lost")
-        .await
-        .expect("an open session");
-    let token = other
-        .liveliness()
-        .declare_token("stereo/v1/alive/lost")
-        .await
-        .expect("an open session");
-    let fleet = Fleet::connect(&[router.endpoint()]).await.expect("a connection");
-    let heard = poll(async || (fleet.servers().len() == 1).then_some(())).await;
-    assert!(heard.is_some(), "the client knows of {:?}", fleet.servers());
-    let request = tokio::spawn(async move { fleet.match_pair(&message()).await });
-    let unanswered = asked.recv_async().await.expect("an open session");
-    let _two = serve(&router, "two", &[]);
-    token.undeclare().await.expect("an open session");
-    let result = request.await.expect("a task that ends").expect("a result");
-    assert_eq!(instance(&result), "two");
-    drop(unanswered);
 }
 
 #[tokio::test(flavor = "multi_thread")]
