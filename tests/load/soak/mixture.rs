@@ -1,5 +1,5 @@
-//! The mixed load: single pairs over HTTP and Zenoh, batches, bodies that are none, cameras that come and go. About half of what one
-//! worker can do, so that whatever is lost is not lost to overload.
+//! The mixed load: single pairs over HTTP and Zenoh, some of them all at once, batches, bodies that are none, cameras that come and go.
+//! About half of what one worker can do, so that whatever is lost is not lost to overload.
 
 use std::future::Future;
 use std::sync::Arc;
@@ -7,6 +7,7 @@ use std::time::Duration;
 
 use anyhow::{Context, Result};
 use bytes::Bytes;
+use futures_util::future::join_all;
 use futures_util::{StreamExt, stream};
 use prost::Message;
 use stereo_client::{Client, Fleet, v1};
@@ -28,6 +29,11 @@ const BAD_EVERY: Duration = Duration::from_millis(230);
 /// Time between two batches, and the pairs of each.
 const BATCH_EVERY: Duration = Duration::from_secs(7);
 const BATCH_PAIRS: u64 = 20;
+/// Time between two bursts, the pairs of each, and their budget: time enough for all. They take every place that a worker has for frames
+/// under way, so that its memory is early what it would be one day by chance, and what grows after that grows without a bound.
+const BURST_EVERY: Duration = Duration::from_secs(20);
+const BURST_PAIRS: usize = 16;
+const BURST_BUDGET: Duration = Duration::from_secs(2);
 /// Cameras at one time, the time between two of their frames, and how long each stays.
 const CAMERAS: u64 = 2;
 const FRAME_EVERY: Duration = Duration::from_millis(67);
@@ -46,6 +52,7 @@ struct Pairs(Vec<v1::StereoRequest>);
 
 impl Pairs {
     fn render() -> Result<Self> {
+        // The largest comes first.
         let sizes = [(640, 480), (320, 240), (480, 360), (400, 640)];
         let frames = Frames::render(Size::VGA);
         let requests = sizes.into_iter().flat_map(|(width_px, height_px)| {
@@ -61,6 +68,10 @@ impl Pairs {
             anyhow::Ok(request)
         });
         Ok(Self(requests.collect::<Result<_>>()?))
+    }
+
+    fn largest(&self) -> v1::StereoRequest {
+        self.get(0)
     }
 
     fn get(&self, turn: u64) -> v1::StereoRequest {
@@ -83,6 +94,12 @@ impl Mixture {
         let mut tasks = JoinSet::new();
         let client = Client::new(url)?;
         tasks.spawn(singles(
+            client.clone(),
+            Arc::clone(&pairs),
+            Arc::clone(tally),
+            stop.subscribe(),
+        ));
+        tasks.spawn(bursts(
             client.clone(),
             Arc::clone(&pairs),
             Arc::clone(tally),
@@ -185,6 +202,29 @@ async fn singles(
         async move { tally.single(client.match_pair(&request).await) }
     };
     paced(HTTP_EVERY, &tally, stop, send).await
+}
+
+/// Pairs of the largest size over HTTP, all at once.
+async fn bursts(
+    client: Client,
+    pairs: Arc<Pairs>,
+    tally: Arc<Tally>,
+    stop: watch::Receiver<bool>,
+) -> Result<()> {
+    let mut request = pairs.largest();
+    request.options.get_or_insert_default().latency_budget = BURST_BUDGET.try_into().ok();
+    let request = Arc::new(request);
+    let send = |_| {
+        let (client, tally, request) = (client.clone(), Arc::clone(&tally), Arc::clone(&request));
+        async move {
+            let burst = (0..BURST_PAIRS).map(|_| client.match_pair(&request));
+            join_all(burst)
+                .await
+                .into_iter()
+                .for_each(|answer| tally.single(answer));
+        }
+    };
+    paced(BURST_EVERY, &tally, stop, send).await
 }
 
 /// Single pairs over Zenoh.
