@@ -207,17 +207,19 @@ impl Fleet {
             }
             let is_hedge_due = hedge_at.is_some_and(|at| at <= now);
             let is_due = is_hedge_due || needs_one && again_at <= now;
-            if is_due && !left.is_zero() && waiting.len() < MOST_ASKED {
-                if let Some(server) = self.roster.choose(&tried, left) {
-                    if !needs_one {
-                        hedge_at = None;
-                    }
-                    let asked = (server.clone(), Instant::now());
-                    tried.push(server.clone());
-                    waiting.push(asked.clone());
-                    let answer = self.ask(server, payload.clone(), left);
-                    running.push(async { (asked, answer.await) });
+            if is_due
+                && !left.is_zero()
+                && waiting.len() < MOST_ASKED
+                && let Some(server) = self.roster.choose(&tried, left)
+            {
+                if !needs_one {
+                    hedge_at = None;
                 }
+                let asked = (server.clone(), Instant::now());
+                tried.push(server.clone());
+                waiting.push(asked.clone());
+                let answer = self.ask(server, payload.clone(), left);
+                running.push(async { (asked, answer.await) });
             }
             if waiting.is_empty() && left.is_zero() {
                 return Err(last);
