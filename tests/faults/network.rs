@@ -57,7 +57,6 @@ pub(crate) async fn half_open() -> Result<Row> {
     client.ready(Duration::from_secs(60)).await?;
     let clients = Clients::start(&Target::Http(client), &pair::small(BUDGET)?, Pace::Closed(1));
     clients.have(20).await?;
-    let before = server.descriptors()?;
     let address = url_on(&lab, &server, "gone")?;
     let address = address.trim_start_matches("http://");
     let mut left = Vec::new();
@@ -69,14 +68,15 @@ pub(crate) async fn half_open() -> Result<Row> {
         }
         left.push(stream);
     }
-    until("their descriptors", || {
-        Ok(server.descriptors()? >= before + HALF_OPEN as u64)
-    })
-    .await?;
+    let gone = left
+        .iter()
+        .map(TcpStream::local_addr)
+        .collect::<Result<Vec<_>, _>>()?;
+    until("all connections", || Ok(server.connected(&gone)? == HALF_OPEN)).await?;
     lab.cut("gone")?;
     let since = Instant::now();
     until("the end of connections to nobody", || {
-        Ok(server.descriptors()? <= before)
+        Ok(server.connected(&gone)? == 0)
     })
     .await?;
     let recovery = since.elapsed();
@@ -95,7 +95,6 @@ pub(crate) async fn slow_readers() -> Result<Row> {
     let (server, target) = with(&["--body-timeout-ms", "2000"]).await?;
     let clients = Clients::start(&target, &pair::small(BUDGET)?, Pace::Closed(1));
     clients.have(20).await?;
-    let before = server.descriptors()?;
     let body = pair::large(Duration::from_secs(30))?.encode_to_vec();
     let address: SocketAddr = server.url().trim_start_matches("http://").parse()?;
     let mut unread = Vec::new();
@@ -108,12 +107,13 @@ pub(crate) async fn slow_readers() -> Result<Row> {
             .await?;
         unread.push(stream);
     }
-    until("their descriptors", || {
-        Ok(server.descriptors()? >= before + SLOW as u64)
-    })
-    .await?;
+    let silent = unread
+        .iter()
+        .map(TcpStream::local_addr)
+        .collect::<Result<Vec<_>, _>>()?;
+    until("all connections", || Ok(server.connected(&silent)? == SLOW)).await?;
     until("the end of those who don't read", || {
-        Ok(server.descriptors()? <= before)
+        Ok(server.connected(&silent)? == 0)
     })
     .await?;
     clients.served_again(Instant::now()).await?;

@@ -2,6 +2,7 @@
 
 use std::ffi::OsStr;
 use std::io::{BufRead, BufReader};
+use std::net::SocketAddr;
 use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdout, Command, ExitStatus, Output, Stdio};
@@ -318,6 +319,31 @@ impl Stereod {
         let path = format!("/proc/{}/fd", self.child.id());
         let open = std::fs::read_dir(&path).with_context(|| format!("can't read {path}"))?;
         Ok(open.count() as u64)
+    }
+
+    /// How many of these clients, by their own addresses, the process is connected with over IPv4: those that it has closed are none,
+    /// whether or not they know.
+    ///
+    /// # Errors
+    /// If the system doesn't say.
+    pub fn connected(&self, clients: &[SocketAddr]) -> Result<usize> {
+        let path = format!("/proc/{}/net/tcp", self.child.id());
+        let table = std::fs::read_to_string(&path).with_context(|| format!("can't read {path}"))?;
+        let is_client = |remote: &str| {
+            clients.iter().any(|client| match client {
+                SocketAddr::V4(client) => {
+                    let host = u32::from_ne_bytes(client.ip().octets());
+                    remote == format!("{host:08X}:{:04X}", client.port())
+                }
+                SocketAddr::V6(_) => false,
+            })
+        };
+        // Number, local and remote address, state: 01 = established, 08 = closed by the other side alone.
+        let is_open = |line: &&str| {
+            let columns = Vec::from_iter(line.split_whitespace().take(4));
+            matches!(columns[..], [_, _, remote, "01" | "08"] if is_client(remote))
+        };
+        Ok(table.lines().filter(is_open).count())
     }
 
     /// A line of what the system says about the process.
