@@ -85,7 +85,7 @@ impl Delimited {
         let mut varint = &start[..=end];
         let len = prost::encoding::decode_varint(&mut varint).map_err(|_| malformed())?;
         if len == 0 {
-            // Every byte of a run of zeros would be a request, and get a refusal a hundred times its size.
+            // Every byte of a run of zeros would be a request, and get a refusal much longer than itself.
             return Err(ServiceError::Invalid(
                 "a request of a batch has 0 bytes: the batch ends here, send the rest again".to_owned(),
             ));
