@@ -35,9 +35,9 @@ impl Impostor {
             workers: 1,
             ..v1::ServerLoad::default()
         };
-        let (session_of_loads, load_key, load) = (session.clone(), key("load"), load.encode_to_vec());
+        let (loads, load_key, load) = (session.clone(), key("load"), load.encode_to_vec());
         let telling = tokio::spawn(async move {
-            while session_of_loads.put(&load_key, load.as_slice()).await.is_ok() {
+            while loads.put(&load_key, load.as_slice()).await.is_ok() {
                 tokio::time::sleep(Duration::from_millis(200)).await;
             }
         });
@@ -64,6 +64,15 @@ impl Impostor {
     }
 }
 
+/// A router, and a session of those that look like servers.
+async fn network() -> (Router, Session) {
+    let router = Router::start().await.expect("a router on a free port");
+    let session = client(router.endpoint())
+        .await
+        .expect("a connection to the router");
+    (router, session)
+}
+
 /// A request on its way to the only server that is there.
 async fn ask(router: &Router) -> JoinHandle<Result<v1::StereoResult, ClientError>> {
     // Takes a while the first time.
@@ -76,11 +85,8 @@ async fn ask(router: &Router) -> JoinHandle<Result<v1::StereoResult, ClientError
 
 #[tokio::test(flavor = "multi_thread")]
 async fn another_server_is_asked_when_the_one_that_was_asked_has_gone_without_an_answer() {
-    let router = Router::start().await.expect("a router on a free port");
-    let other = client(router.endpoint())
-        .await
-        .expect("a connection to the router");
-    let lost = Impostor::start(&other, "lost").await;
+    let (router, session) = network().await;
+    let lost = Impostor::start(&session, "lost").await;
     let request = ask(&router).await;
     let unanswered = lost.request().await;
     let _two = serve(&router, "two", &[]);
@@ -92,18 +98,15 @@ async fn another_server_is_asked_when_the_one_that_was_asked_has_gone_without_an
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_third_server_is_asked_when_the_first_has_gone_and_the_second_refuses() {
-    let router = Router::start().await.expect("a router on a free port");
-    let other = client(router.endpoint())
-        .await
-        .expect("a connection to the router");
-    let lost = Impostor::start(&other, "lost").await;
+    let (router, session) = network().await;
+    let lost = Impostor::start(&session, "lost").await;
     let request = ask(&router).await;
     let unanswered = lost.request().await;
-    let full = Impostor::start(&other, "full").await;
+    let full = Impostor::start(&session, "full").await;
     lost.go().await;
     let refused = full.request().await;
     let _three = serve(&router, "three", &[]);
-    until_alive(&other, "stereo/v1/alive/three").await;
+    until_alive(&session, "stereo/v1/alive/three").await;
     let status = v1::Status {
         reason: v1::Reason::QueueFull.into(),
         ..v1::Status::default()
