@@ -72,6 +72,8 @@ struct Window {
     ratios: [f32; KEPT],
     next: usize,
     len: usize,
+    /// The latest values, of which the typical one is taken.
+    recent: usize,
     typical: f32,
     /// The largest multiple of what is expected to reckon with.
     tail: f32,
@@ -83,6 +85,7 @@ impl Window {
         ratios: [0.0; KEPT],
         next: 0,
         len: 0,
+        recent: 0,
         typical: 0.0,
         tail: 1.0,
     };
@@ -95,7 +98,8 @@ impl Window {
         self.next = (self.next + 1) % KEPT;
         self.len = (self.len + 1).min(KEPT);
 
-        let recent = self.len.min(RECENT);
+        self.recent = (self.recent + 1).min(RECENT);
+        let recent = self.recent;
         let mut latest = [0.0; RECENT];
         for (age, slot) in latest[..recent].iter_mut().enumerate() {
             *slot = self.values[(self.next + KEPT - 1 - age) % KEPT];
@@ -154,6 +158,8 @@ struct Entry {
     learned_at: Duration,
     /// When it was learned, in the order of learning; the key in `order`.
     turn: u64,
+    /// If the next value is less than what is typical, it counts alone.
+    is_doubted: bool,
 }
 
 /// Costs of all stages of all kinds. Remembers `capacity` of them and forgets first what was not measured for longest.
@@ -205,7 +211,7 @@ impl<K: Kind> CostModel<K> {
             clippy::cast_possible_truncation,
             reason = "24 bits are more than any clock is good for"
         )]
-        let (value, pace) = (value as f32, self.factor(stage) as f32);
+        let (value, pace) = (value as f32, self.factor(now, stage) as f32);
         self.pooled
             .entry(stage)
             .or_insert(Window::EMPTY)
@@ -224,6 +230,7 @@ impl<K: Kind> CostModel<K> {
             primed: 0.0,
             learned_at: now,
             turn: self.turns,
+            is_doubted: false,
         });
         self.order.remove(&entry.turn);
         self.order.insert(self.turns, key);
@@ -233,14 +240,20 @@ impl<K: Kind> CostModel<K> {
             entry.is_primed = false;
             entry.window = Window::EMPTY;
         }
+        if entry.is_doubted {
+            entry.is_doubted = false;
+            if value < entry.window.typical * pace {
+                entry.window.recent = 0;
+            }
+        }
         if !is_primed && entry.window.len > 0 {
             let typical_s = f64::from(entry.window.typical) * f64::from(units);
             if stage == Stage::Rung(0) {
-                self.pace.judge(typical_s, took.as_secs_f64());
+                self.pace.judge(now, typical_s, took);
             }
             // Steps are parts of rungs.
             if stage != Stage::Step && is_paced(stage) {
-                self.pace.note(typical_s, took.as_secs_f64());
+                self.pace.note(now, typical_s, took);
             }
         }
         entry.window.record(value, pace);
@@ -249,11 +262,12 @@ impl<K: Kind> CostModel<K> {
         }
     }
 
-    /// What `units` of `stage` will take; what is nearest if this was never measured; nothing if the stage is unknown for all kinds.
+    /// What `units` of `stage` will take at `now`; what is nearest if this was never measured; nothing if the stage is unknown for all
+    /// kinds.
     #[must_use]
-    pub fn cost(&self, kind: K, stage: Stage, units: u32) -> Cost {
+    pub fn cost(&self, now: Duration, kind: K, stage: Stage, units: u32) -> Cost {
         let Cost { typical, tail } = self.usual(kind, stage, units);
-        let factor = self.factor(stage);
+        let factor = self.factor(now, stage);
         Cost {
             typical: typical.mul_f64(factor),
             tail: tail.mul_f64(factor),
@@ -261,8 +275,12 @@ impl<K: Kind> CostModel<K> {
     }
 
     /// What the pace of the machine makes of a stage.
-    fn factor(&self, stage: Stage) -> f64 {
-        if is_paced(stage) { self.pace.factor() } else { 1.0 }
+    fn factor(&self, now: Duration, stage: Stage) -> f64 {
+        if is_paced(stage) {
+            self.pace.factor(now)
+        } else {
+            1.0
+        }
     }
 
     /// As [`cost`](Self::cost), at the usual pace.
@@ -345,10 +363,11 @@ impl<K: Kind> CostModel<K> {
             .is_none_or(|entry| now.saturating_sub(entry.learned_at) > STALE)
     }
 
-    /// Forgets what is known of `stage` of `kind`, so that what is measured next counts alone.
-    pub fn forget(&mut self, kind: K, stage: Stage) {
-        if let Some(entry) = self.entries.remove(&(kind, stage)) {
-            self.order.remove(&entry.turn);
+    /// Doubts that `stage` of `kind` still takes as long as is known: if what is measured next is less, it counts alone. If it is not,
+    /// nothing is lost: the first frame after a pause is slower than those that follow it.
+    pub fn doubt(&mut self, kind: K, stage: Stage) {
+        if let Some(entry) = self.entries.get_mut(&(kind, stage)) {
+            entry.is_doubted = true;
         }
     }
 

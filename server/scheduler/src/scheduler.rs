@@ -280,13 +280,13 @@ impl<K: Kind, J> Scheduler<K, J> {
     }
 
     /// What the reply takes after everything else.
-    fn reply(&self, work: &Work<K>) -> Cost {
-        self.costs.cost(work.encode, Stage::Reply, work.units)
+    fn reply(&self, now: Duration, work: &Work<K>) -> Cost {
+        self.costs.cost(now, work.encode, Stage::Reply, work.units)
     }
 
-    /// What the stages of `work` cost, as known now.
-    fn stage_costs(&self, work: &Work<K>, has_mesh: bool) -> StageCosts {
-        let cost = |kind, stage| self.costs.cost(kind, stage, work.units);
+    /// What the stages of `work` cost, as known `now`.
+    fn stage_costs(&self, now: Duration, work: &Work<K>, has_mesh: bool) -> StageCosts {
+        let cost = |kind, stage| self.costs.cost(now, kind, stage, work.units);
         let mesh = work.mesh.filter(|_| has_mesh);
         let mut costs = StageCosts {
             decode: cost(work.decode, Stage::Decode),
@@ -302,7 +302,7 @@ impl<K: Kind, J> Scheduler<K, J> {
     }
 
     /// The ways to do a job, the best first, from what the ladder's level allows down to the cheapest the client allows.
-    fn variants(&self, spec: &JobSpec<K>, level: Level) -> Variants<K> {
+    fn variants(&self, now: Duration, spec: &JobSpec<K>, level: Level) -> Variants<K> {
         let sizes = [Some(spec.work), spec.half];
         let mut ways = Variants {
             ways: [None; 4],
@@ -319,7 +319,7 @@ impl<K: Kind, J> Scheduler<K, J> {
                 && (!has_mesh || !no_mesh || work.mesh.is_none());
             if is_allowed {
                 let has_mesh = has_mesh && work.mesh.is_some();
-                let costs = self.stage_costs(&work, has_mesh);
+                let costs = self.stage_costs(now, &work, has_mesh);
                 ways.ways[ways.len] = Some(Variant {
                     work,
                     is_half,

@@ -355,6 +355,24 @@ fn best_effort_gives_way_to_what_is_promised() {
 }
 
 #[test]
+fn an_idle_worker_is_not_denied_for_the_load_of_those_that_were_refused() {
+    let mut scheduler = primed(Config::default());
+    // One base in ten takes twice as long: 14 ms in all, rarely 24.
+    for value in 0..64 {
+        let took = if value % 10 == 9 { ms(20) } else { ms(10) };
+        scheduler.prime(FULL, Stage::Rung(0), UNITS, took);
+    }
+    for time in (0..900).step_by(10) {
+        let impossible = scheduler.submit(ms(time), due(time + 5), "impossible");
+        assert!(impossible.outcome.is_err());
+    }
+    assert!(scheduler.snapshot(ms(900)).mandatory_load > 1.0);
+    admitted(scheduler.submit(ms(900), due(918), "nobody else wants the worker"));
+    let waiting = scheduler.submit(ms(900), due(933), "there may be no time for it");
+    assert!(waiting.outcome.is_err());
+}
+
+#[test]
 fn costs_that_look_too_high_are_measured_again_after_a_while() {
     let mut scheduler = primed(Config::default());
     assert!(scheduler.submit(ms(100), due(112), "a").outcome.is_err());

@@ -61,7 +61,7 @@ impl<K: Kind, J> Scheduler<K, J> {
 
     /// Brings the deadline forward by what the reply is reckoned with, though by a quarter of the budget at most.
     fn leave_time_to_reply(&self, now: Duration, spec: &mut JobSpec<K>) -> Duration {
-        let reply = self.reply(&spec.work).charge();
+        let reply = self.reply(now, &spec.work).charge();
         match &mut spec.urgency {
             Urgency::Deadline { at, .. } if self.is_edf() => {
                 let reply = reply.min(at.saturating_sub(now) / 4);
@@ -91,7 +91,7 @@ impl<K: Kind, J> Scheduler<K, J> {
         if !self.is_edf() {
             return Ok(());
         }
-        let variants = self.variants(spec, Level::Full);
+        let variants = self.variants(now, spec, Level::Full);
         let key = self.key(at);
         let refuse = |reason| {
             Err(Refusal {
@@ -129,7 +129,7 @@ impl<K: Kind, J> Scheduler<K, J> {
             return Err(Refused { job, refusal });
         }
         let key = self.key(Duration::ZERO);
-        let costs = self.stage_costs(&spec.work, spec.work.mesh.is_some());
+        let costs = self.stage_costs(self.now, &spec.work, spec.work.mesh.is_some());
         let variant = Variant {
             work: spec.work,
             is_half: false,
@@ -170,11 +170,11 @@ impl<K: Kind, J> Scheduler<K, J> {
     ) -> Result<Ticket, Refused<J>> {
         self.offer(now, &spec, priority);
         let level = self.ladder.level(now);
-        let variants = self.variants(&spec, level);
+        let variants = self.variants(now, &spec, level);
         if due <= now {
             return Err(self.refused(now, due.max(now), job, Reason::Expired, &variants, 0.0));
         }
-        let full = self.variants(&spec, Level::Full);
+        let full = self.variants(now, &spec, Level::Full);
         let cost_s = full.ways[0].map_or(Duration::ZERO, |way| way.costs.mandatory().charge());
         self.tightest
             .note(now, due.saturating_sub(now).saturating_sub(cost_s));
@@ -209,7 +209,7 @@ impl<K: Kind, J> Scheduler<K, J> {
         let Some(variant) = self.find_way(now, &asking, &variants, dropped) else {
             let is_probe = self.is_idle() && self.is_stale(now, &spec);
             if let Some(variant) = full.ways[0].filter(|_| is_probe) {
-                self.forget(&spec);
+                self.doubt(&spec);
                 return Ok(self.accept(now, &asking, spec, variant, true, job));
             }
             if let Some((key, load, waiting)) = older {
@@ -261,7 +261,7 @@ impl<K: Kind, J> Scheduler<K, J> {
         }
         self.shares.admit(asking.client, charged_s);
         let mut load = self.load(now, asking.due, &variant.costs);
-        let cheapest = self.variants(&spec, Level::NoMesh);
+        let cheapest = self.variants(now, &spec, Level::NoMesh);
         if is_probe {
             load.last_start = nanos(asking.due);
         } else {
@@ -326,13 +326,13 @@ impl<K: Kind, J> Scheduler<K, J> {
     /// Tells the ladder what was asked for.
     fn offer(&mut self, now: Duration, spec: &JobSpec<K>, priority: Priority) {
         let by_worker = |cost: crate::cost::Cost| cost.typical.as_secs_f64() / f64::from(self.workers());
-        let full = self.stage_costs(&spec.work, spec.work.mesh.is_some());
+        let full = self.stage_costs(now, &spec.work, spec.work.mesh.is_some());
         let everything = by_worker(full.full(spec.work.rungs));
         let mandatory = by_worker(full.mandatory());
         let half = spec
             .half
             .as_ref()
-            .map_or(full, |work| self.stage_costs(work, work.mesh.is_some()));
+            .map_or(full, |work| self.stage_costs(now, work, work.mesh.is_some()));
         let mesh_off = if spec.is_mesh_optional {
             by_worker(half.mesh(0))
         } else {
@@ -384,7 +384,7 @@ impl<K: Kind, J> Scheduler<K, J> {
         places.max(1)
     }
 
-    fn is_idle(&self) -> bool {
+    pub(super) fn is_idle(&self) -> bool {
         self.timeline.len() == 0 && self.running.iter().any(Option::is_none)
     }
 
@@ -392,15 +392,15 @@ impl<K: Kind, J> Scheduler<K, J> {
         self.costs.is_stale(now, spec.work.matching, Stage::Rung(0))
     }
 
-    /// Forgets the costs that made a job look infeasible and were not measured lately.
-    fn forget(&mut self, spec: &JobSpec<K>) {
+    /// Doubts the costs that made a job look infeasible and were not measured lately.
+    fn doubt(&mut self, spec: &JobSpec<K>) {
         let work = &spec.work;
-        self.costs.forget(work.matching, Stage::Rung(0));
-        self.costs.forget(work.decode, Stage::Decode);
+        self.costs.doubt(work.matching, Stage::Rung(0));
+        self.costs.doubt(work.decode, Stage::Decode);
         for rung in 0..work.rungs.max(1) {
-            self.costs.forget(work.encode, Stage::Encode(rung));
+            self.costs.doubt(work.encode, Stage::Encode(rung));
             if let Some(mesh) = work.mesh {
-                self.costs.forget(mesh, Stage::Mesh(rung));
+                self.costs.doubt(mesh, Stage::Mesh(rung));
             }
         }
     }

@@ -70,7 +70,7 @@ impl<K: Kind, J> Scheduler<K, J> {
             return Submission { outcome, dropped };
         }
         let has_mesh = spec.work.mesh.is_some();
-        let costs = self.stage_costs(&spec.work, has_mesh);
+        let costs = self.stage_costs(now, &spec.work, has_mesh);
         let full = costs.full(spec.work.rungs).charge();
         let order = self
             .shares
@@ -108,7 +108,7 @@ impl<K: Kind, J> Scheduler<K, J> {
         worker: usize,
     ) -> Option<(Ticket, Waiting<K, J>)> {
         let (&ticket, waiting) = self.background.first_key_value()?;
-        let costs = self.stage_costs(&waiting.spec.work, waiting.variant.has_mesh);
+        let costs = self.stage_costs(now, &waiting.spec.work, waiting.variant.has_mesh);
         let block = costs.decode.tail + costs.rungs[0].tail;
         let others_free = self.running.len() > 1
             && self.running.iter().enumerate().all(|(index, running)| {

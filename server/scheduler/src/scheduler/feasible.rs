@@ -29,11 +29,12 @@ impl<K: Kind, J> Scheduler<K, J> {
         own >= start && found.after[headroom].saturating_sub(load.share) >= start
     }
 
-    /// What a job needs that is promised at `now`: what it takes nearly always; while there is time for everybody, what it is reckoned
-    /// with. A refusal is certain then to cost its client the answer, and nobody else would have the use of it.
+    /// What a job needs that is promised at `now`: what it takes nearly always; while there is time for everybody, or a worker that
+    /// nobody else wants, what it is reckoned with. A refusal is certain then to cost its client the answer, and nobody else would have
+    /// the use of it.
     pub(super) fn load(&self, now: Duration, due: Duration, costs: &StageCosts) -> Load {
         let mandatory = costs.mandatory();
-        let is_calm = self.ladder.load(now, Level::FewerRungs) < CALM;
+        let is_calm = self.is_idle() || self.ladder.load(now, Level::FewerRungs) < CALM;
         Load {
             due: nanos(due),
             tail: nanos(if is_calm {

@@ -183,7 +183,7 @@ impl<K: Kind, J> Scheduler<K, J> {
         if !self.is_edf() || waiting.is_probe {
             return true;
         }
-        let cheapest = self.variants(&waiting.spec, Level::NoMesh);
+        let cheapest = self.variants(now, &waiting.spec, Level::NoMesh);
         cheapest
             .iter()
             .any(|way| now + way.costs.mandatory().typical <= at)
@@ -206,7 +206,7 @@ impl<K: Kind, J> Scheduler<K, J> {
         }
         .max(1);
         let mandatory = variant.costs.mandatory();
-        let reply = self.reply(&spec.work);
+        let reply = self.reply(now, &spec.work);
         let budget = due.map_or(Duration::ZERO, |due| due.saturating_sub(now));
         self.running[worker] = Some(Running {
             ticket,
@@ -251,7 +251,7 @@ impl<K: Kind, J> Scheduler<K, J> {
         level: Level,
     ) -> Variant<K> {
         let admitted = waiting.variant.costs.mandatory().charge();
-        let variants = self.variants(&waiting.spec, level);
+        let variants = self.variants(now, &waiting.spec, level);
         let is_good = |way: &&Variant<K>| {
             let mandatory = way.costs.mandatory();
             let bound = self.bound_share(now, None) + mandatory.charge() / self.workers();

@@ -268,7 +268,7 @@ impl Run<'_> {
             return;
         }
         let kind = if is_half { HALF } else { FULL };
-        let cost = |stage| self.scheduler.costs().cost(kind, stage, UNITS).typical;
+        let cost = |stage| self.scheduler.costs().cost(now, kind, stage, UNITS).typical;
         let mesh = if self.world.costs.mesh.is_empty() {
             Duration::ZERO
         } else {
