@@ -2,7 +2,8 @@
 //!
 //! Cores are shared with other machines of the same host, and slow down and recover together with what those do: the stages of a few
 //! milliseconds are all dear or all cheap. So what the last stages took, beside what they take typically, says something about the next
-//! one, for as long as they are fresh. How much it says is learned as well (the slope of a regression): nothing where each frame is dear or cheap for itself.
+//! one, for as long as they are fresh. How much it says is learned as well (the slope of a regression): nothing where each frame is dear
+//! or cheap for itself.
 
 use std::time::Duration;
 
