@@ -18,8 +18,8 @@ use tokio::sync::{oneshot, watch};
 use self::answers::priority;
 pub(crate) use self::idle::Idle;
 use self::job::Admitted;
-pub(crate) use self::job::{Job, Listeners, Outcome};
-pub use self::job::{OnPartial, OnRung};
+pub use self::job::{Delivery, OnPartial, OnRung};
+pub(crate) use self::job::{Job, Outcome};
 pub(crate) use self::kind::{Kind, encode_kind, least_work, work};
 pub(crate) use self::seat::{Replaced, Seat, Task};
 use crate::clients::Clients;
@@ -134,12 +134,12 @@ impl Dispatch {
     pub(crate) fn submit(
         &self,
         request: FrameRequest,
-        listeners: Listeners,
+        delivery: Delivery,
     ) -> Result<Admission, ServiceError> {
         let mut spec = self.spec(&request);
         let budget = request.options.latency_budget;
         let received_at = request.received_at;
-        let (mut job, outcome) = Job::new(request, listeners, Admitted::new(&self.admitted));
+        let (mut job, outcome) = Job::new(request, delivery, Admitted::new(&self.admitted));
         let mut state = self.lock();
         if state.phase != Phase::Open {
             return Err(ServiceError::Draining);

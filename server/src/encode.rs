@@ -1,6 +1,7 @@
 //! Results out: one file a format. Every body is a pure function of the frame, byte for byte.
 
 pub mod disparity_png;
+pub mod memory;
 
 mod color_png;
 mod glb;
@@ -12,8 +13,7 @@ mod report_json;
 mod sample;
 pub(crate) mod surface;
 
-use bytes::Bytes;
-
+use self::memory::{Encoded, Memory};
 pub(crate) use self::png::gray_png;
 pub(crate) use self::report_json::{Body as Summary, ReportFields, report_fields};
 use crate::job::{MatchedFrame, ReplyFormat, Report};
@@ -21,7 +21,7 @@ use crate::status::ServiceError;
 use crate::wire;
 
 /// `frame` as a body of `format`. Formats that contain the report call `finish` for it as soon as everything else is
-/// encoded, so that it can say how long that took.
+/// encoded, so that it can say how long that took. What Zenoh sends is written into `memory` where that has room.
 ///
 /// # Errors
 /// [`ServiceError::Internal`] if the mesh that `format` needs was not made or a file gets larger than its format can
@@ -29,21 +29,22 @@ use crate::wire;
 pub fn body(
     format: ReplyFormat,
     frame: &MatchedFrame<'_>,
+    memory: Option<&dyn Memory>,
     finish: &dyn Fn() -> Report,
-) -> Result<Bytes, ServiceError> {
-    match format {
-        ReplyFormat::Protobuf => wire::result_body(frame, finish),
+) -> Result<Encoded, ServiceError> {
+    let own = match format {
+        ReplyFormat::Protobuf => return wire::result_body(frame, memory, finish),
+        ReplyFormat::DisparityPart => return wire::disparity_body(frame, memory),
+        ReplyFormat::MeshPart => return wire::mesh_body(frame, memory),
         ReplyFormat::Json => report_json::encode(frame, finish),
         ReplyFormat::DisparityPng => disparity_png::encode(frame.map),
         ReplyFormat::ColorPng => color_png::encode(frame.map),
         ReplyFormat::Glb => glb::encode(frame),
         ReplyFormat::Ply => ply::encode(frame),
-        ReplyFormat::DisparityPart => wire::disparity_body(frame),
-        ReplyFormat::MeshPart => wire::mesh_body(frame),
         ReplyFormat::ReportPart => Ok(wire::report_body(&finish())),
         ReplyFormat::StreamView => wire::stream_view_body(frame, finish),
-    }
-    .map(Bytes::from)
+    }?;
+    Ok(own.into())
 }
 
 /// A body that outgrew its format, or a fault of ours, never of the request.

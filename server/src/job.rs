@@ -4,6 +4,8 @@ use std::time::{Duration, Instant, SystemTime};
 
 use bytes::Bytes;
 
+use crate::encode::memory::Encoded;
+
 /// One stereo pair with everything that was said about it.
 #[derive(Debug, Clone)]
 pub struct FrameRequest {
@@ -343,7 +345,7 @@ impl ReplyFormat {
 #[derive(Debug, Clone)]
 pub struct FrameReply {
     /// One encoded body for each of the request's formats, in the same order.
-    pub bodies: Vec<Bytes>,
+    pub bodies: Vec<Encoded>,
     /// What was done, and how long it took.
     pub report: Report,
     /// What the stages that were run were expected to take, and what they took.

@@ -18,8 +18,9 @@ use crate::args::MatchArgs;
 use crate::clients::Caller;
 use crate::config::{Config, WorkersConfig};
 use crate::decode::{Side, inspect};
+use crate::encode::memory::Encoded;
 use crate::job::{FrameReply, FrameRequest, PriorityClass, ReplyFormat};
-use crate::service::{OnRung, Service};
+use crate::service::{Delivery, OnRung, Service};
 use crate::status::ServiceError;
 use crate::wire::{FormParts, Intake, frame_request, request_from_form};
 
@@ -95,9 +96,11 @@ pub async fn run(args: &MatchArgs) -> Result<(), OfflineError> {
     let asked = frame.options.max_iterations;
     let names = frame.options.params.rung_names();
     let bar = progress_bar(asked.map_or(names.len(), |asked| names.len().min(asked.into())));
-    let outcome = service
-        .submit_watched(frame, Some(advance(bar.clone(), names)))
-        .await;
+    let delivery = Delivery {
+        on_rung: Some(advance(bar.clone(), names)),
+        ..Delivery::default()
+    };
+    let outcome = service.submit_with(frame, delivery).await;
     bar.finish_and_clear();
     let reply = outcome.map_err(|error| match error {
         ServiceError::Invalid(_) | ServiceError::Unmatchable(_) | ServiceError::TooLarge(_) => {
@@ -200,9 +203,9 @@ fn read(path: &Path) -> Result<Bytes, OfflineError> {
 /// Writes the files and returns their paths.
 fn write(folder: &Path, reply: &FrameReply) -> Result<Vec<PathBuf>, OfflineError> {
     std::fs::create_dir_all(folder).map_err(io("make the folder", folder))?;
-    let write = |(&(name, _), body): (&(&str, ReplyFormat), &Bytes)| {
+    let write = |(&(name, _), body): (&(&str, ReplyFormat), &Encoded)| {
         let path = folder.join(name);
-        std::fs::write(&path, body).map_err(io("write", &path))?;
+        std::fs::write(&path, &**body).map_err(io("write", &path))?;
         Ok(path)
     };
     OUTPUTS.iter().zip(&reply.bodies).map(write).collect()

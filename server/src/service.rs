@@ -17,8 +17,8 @@ use self::leaving::Leaving;
 use crate::StartError;
 use crate::clients::Clients;
 use crate::config::Config;
-use crate::dispatch::{Admission, Dispatch, Kind, Listeners, Setting};
-pub use crate::dispatch::{OnPartial, OnRung};
+use crate::dispatch::{Admission, Dispatch, Kind, Setting};
+pub use crate::dispatch::{Delivery, OnPartial, OnRung};
 use crate::job::{FrameReply, FrameRequest, PriorityClass};
 use crate::metrics::{CANCELLED, Metrics};
 use crate::pool::{Helpers, Patience, Pool, Priming, Shared};
@@ -95,37 +95,19 @@ impl Service {
     /// deadline, whether or not a worker is free), superseded, or failed. A result with fewer rungs than asked for, or one that came
     /// late because its first rung took too long, is a success whose report says so.
     pub async fn submit(&self, request: FrameRequest) -> Result<FrameReply, ServiceError> {
-        self.carry(request, Listeners::default()).await
+        self.submit_with(request, Delivery::default()).await
     }
 
-    /// As [`submit`](Self::submit), with `on_rung` called on the worker's thread after each finished rung.
+    /// As [`submit`](Self::submit), with more than the reply at its end: see [`Delivery`], whose functions are called on the
+    /// worker's thread, `on_partial` with the first of the wanted bodies.
     ///
     /// # Errors
     /// As [`submit`](Self::submit).
-    pub async fn submit_watched(
+    pub async fn submit_with(
         &self,
         request: FrameRequest,
-        on_rung: Option<OnRung>,
+        delivery: Delivery,
     ) -> Result<FrameReply, ServiceError> {
-        let on_partial = None;
-        self.carry(request, Listeners { on_rung, on_partial }).await
-    }
-
-    /// As [`submit`](Self::submit), with `on_partial` called on the worker's thread with the first of the wanted bodies after each
-    /// finished rung but the last.
-    ///
-    /// # Errors
-    /// As [`submit`](Self::submit).
-    pub async fn submit_partial(
-        &self,
-        request: FrameRequest,
-        on_partial: Option<OnPartial>,
-    ) -> Result<FrameReply, ServiceError> {
-        let on_rung = None;
-        self.carry(request, Listeners { on_rung, on_partial }).await
-    }
-
-    async fn carry(&self, request: FrameRequest, listeners: Listeners) -> Result<FrameReply, ServiceError> {
         let class = request.options.priority;
         let (received_at, deadline) = (request.received_at, request.deadline());
         let span = tracing::info_span!(
@@ -138,7 +120,7 @@ impl Service {
             request_id: request.ids.request_id.clone(),
             camera: request.ids.camera_id.clone(),
         };
-        let outcome = self.admit(request, listeners).instrument(span.clone()).await;
+        let outcome = self.admit(request, delivery).instrument(span.clone()).await;
         let slack_ms = deadline.map(slack_ms);
         span.record("slack_ms", slack_ms);
         match &outcome {
@@ -240,7 +222,7 @@ impl Service {
         );
     }
 
-    async fn admit(&self, request: FrameRequest, listeners: Listeners) -> Result<FrameReply, ServiceError> {
+    async fn admit(&self, request: FrameRequest, delivery: Delivery) -> Result<FrameReply, ServiceError> {
         let deadline = request.deadline();
         let class = request.options.priority;
         let dispatch = &self.shared.dispatch;
@@ -249,7 +231,7 @@ impl Service {
             class,
             ticket: None,
         };
-        let Admission { ticket, mut outcome } = match dispatch.submit(request, listeners) {
+        let Admission { ticket, mut outcome } = match dispatch.submit(request, delivery) {
             Ok(admission) => admission,
             Err(error) => {
                 leaving.stay();

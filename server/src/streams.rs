@@ -10,7 +10,6 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
-use bytes::Bytes;
 use tokio::sync::broadcast;
 
 pub(crate) use self::counts::Unpaired;
@@ -18,7 +17,9 @@ use self::counts::{Counts, Rate};
 pub(crate) use self::network::Network;
 #[cfg(feature = "zenoh")]
 pub(crate) use self::network::NetworkState;
+use self::view::ResultView;
 pub(crate) use self::view::{StreamView, StreamsView, event_json};
+use crate::encode::memory::Encoded;
 use crate::job::{FrameReply, ReplyFormat, Report};
 use crate::metrics::Metrics;
 use crate::status::ServiceError;
@@ -67,7 +68,7 @@ struct State {
     answered: Rate,
     /// Number of the newest frame that came.
     newest: Option<u64>,
-    last: Option<Arc<Answer>>,
+    last: Option<ResultView>,
     last_error: Option<String>,
     settings_revision: u64,
 }
@@ -89,12 +90,12 @@ pub(crate) enum Event {
 pub(crate) struct Answer {
     pub(crate) sequence: Option<u64>,
     pub(crate) report: Report,
-    pub(crate) bodies: Vec<(ReplyFormat, Bytes)>,
+    pub(crate) bodies: Vec<(ReplyFormat, Encoded)>,
 }
 
 impl Answer {
     /// The body of a format, if somebody had asked for it.
-    pub(crate) fn body(&self, format: ReplyFormat) -> Option<&Bytes> {
+    pub(crate) fn body(&self, format: ReplyFormat) -> Option<&Encoded> {
         self.bodies
             .iter()
             .find(|(found, _)| *found == format)
@@ -260,7 +261,7 @@ impl Stream {
             report: reply.report,
             bodies: formats.iter().copied().zip(reply.bodies).collect(),
         });
-        state.last = Some(Arc::clone(&answer));
+        state.last = Some(ResultView::of(&answer));
         drop(state);
         self.tell(|| Event::Answered(Arc::clone(&answer)));
         answer

@@ -17,6 +17,7 @@ mod form;
 mod images;
 mod options;
 mod payload;
+mod pixels;
 mod range;
 mod report;
 mod request;

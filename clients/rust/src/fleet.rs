@@ -16,6 +16,7 @@ use stereo_proto::v1::{Reason, ServerLoad, Status, StereoRequest, StereoResult};
 use zenoh::Session;
 use zenoh::bytes::{Encoding, ZBytes};
 use zenoh::pubsub::Subscriber;
+use zenoh::query::ConsolidationMode;
 
 pub use self::camera::{Camera, Results};
 pub use self::presence::CameraPresence;
@@ -273,6 +274,8 @@ impl Fleet {
             .encoding(Encoding::from(REQUEST))
             // Not held back to be sent together with others.
             .express(true)
+            // One server answers, once: a reply needn't wait for what might come after it.
+            .consolidation(ConsolidationMode::None)
             .timeout(left + GRACE)
             .await
             .map_err(|why| ClientError::Network(why.to_string()))?;

@@ -1,11 +1,11 @@
 //! One admitted request, from its admission to its answer.
 
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
-use bytes::Bytes;
 use tokio::sync::{oneshot, watch};
 
+use crate::encode::memory::{Encoded, Memory};
 use crate::job::{FrameReply, FrameRequest};
 use crate::status::ServiceError;
 
@@ -16,13 +16,17 @@ pub(crate) type Outcome = Result<FrameReply, ServiceError>;
 pub type OnRung = Box<dyn Fn(stereo::Quality) + Send + Sync>;
 
 /// Called on the worker with the body of what there is after a rung that is not the last.
-pub type OnPartial = Box<dyn Fn(Bytes) + Send + Sync>;
+pub type OnPartial = Box<dyn Fn(Encoded) + Send + Sync>;
 
-/// Who wants to know how a request gets on.
+/// How whoever sent a request wants to get what comes of it, besides the reply.
 #[derive(Default)]
-pub(crate) struct Listeners {
-    pub(crate) on_rung: Option<OnRung>,
-    pub(crate) on_partial: Option<OnPartial>,
+pub struct Delivery {
+    /// Wants to know of every rung.
+    pub on_rung: Option<OnRung>,
+    /// Wants what there is before everything is done.
+    pub on_partial: Option<OnPartial>,
+    /// Where the results are to lie.
+    pub memory: Option<Arc<dyn Memory>>,
 }
 
 /// One request on its way through a worker. Shared by the worker, which computes, and its slot, which answers if the worker doesn't.
@@ -31,7 +35,7 @@ pub(crate) struct Job {
     pub(crate) enqueued_at: Instant,
     /// Whether workers that have nothing to do may help with it.
     pub(crate) is_split: bool,
-    listeners: Listeners,
+    delivery: Delivery,
     /// Taken by whoever answers.
     reply: Mutex<Option<(oneshot::Sender<Outcome>, Admitted)>>,
 }
@@ -40,7 +44,7 @@ impl Job {
     /// The job, and the end its outcome arrives at.
     pub(super) fn new(
         request: FrameRequest,
-        listeners: Listeners,
+        delivery: Delivery,
         admitted: Admitted,
     ) -> (Self, oneshot::Receiver<Outcome>) {
         let (reply, outcome) = oneshot::channel();
@@ -49,7 +53,7 @@ impl Job {
                 request,
                 enqueued_at: Instant::now(),
                 is_split: false,
-                listeners,
+                delivery,
                 reply: Mutex::new(Some((reply, admitted))),
             },
             outcome,
@@ -60,7 +64,7 @@ impl Job {
     pub(crate) fn detached(request: FrameRequest) -> Self {
         Self::new(
             request,
-            Listeners::default(),
+            Delivery::default(),
             Admitted::new(&watch::Sender::new(0)),
         )
         .0
@@ -68,19 +72,24 @@ impl Job {
 
     /// Tells whoever watches that a rung is finished.
     pub(crate) fn report_rung(&self, quality: stereo::Quality) {
-        if let Some(on_rung) = &self.listeners.on_rung {
+        if let Some(on_rung) = &self.delivery.on_rung {
             on_rung(quality);
         }
     }
 
     /// Who gets what there is before everything is done, if somebody does.
     pub(crate) fn on_partial(&self) -> Option<&OnPartial> {
-        self.listeners.on_partial.as_ref()
+        self.delivery.on_partial.as_ref()
+    }
+
+    /// Where its results are to lie, if that matters.
+    pub(crate) fn memory(&self) -> Option<&dyn Memory> {
+        self.delivery.memory.as_deref()
     }
 
     /// Ends the job; only the first answer counts. The request and the place among the admitted ones are given up first, so that
     /// whoever gets the outcome finds them free.
-    pub(crate) fn answer(self: std::sync::Arc<Self>, outcome: Outcome) {
+    pub(crate) fn answer(self: Arc<Self>, outcome: Outcome) {
         let reply = self.reply.lock().unwrap_or_else(PoisonError::into_inner).take();
         drop(self);
         if let Some((reply, admitted)) = reply {

@@ -125,7 +125,7 @@ fn match_once(worker: &mut Worker, job: &Job, is_half: bool, rungs: u8) -> Resul
         mesh: Some(&rig.mesh),
     };
     for &format in &request.formats {
-        encode::body(format, &frame, &Report::default)?;
+        encode::body(format, &frame, None, &Report::default)?;
         guide.encoded()?;
     }
     Ok(clock)

@@ -5,7 +5,7 @@ use tokio::sync::oneshot;
 
 use super::prime::dummy_request;
 use super::*;
-use crate::dispatch::{Listeners, Outcome, Setting};
+use crate::dispatch::{Delivery, Outcome, Setting};
 use crate::job::{FrameOptions, FrameReply, FrameRequest, PriorityClass, ReplyFormat, RungsCut};
 
 const PATIENT: Patience = Patience {
@@ -47,7 +47,7 @@ fn named(camera: &str) -> FrameRequest {
 fn send(shared: &Shared, request: FrameRequest) -> oneshot::Receiver<Outcome> {
     shared
         .dispatch
-        .submit(request, Listeners::default())
+        .submit(request, Delivery::default())
         .unwrap()
         .outcome
 }
@@ -215,7 +215,7 @@ fn a_client_that_goes_stops_its_frame_after_the_present_step() {
     let admission = bench
         .shared
         .dispatch
-        .submit(request(), Listeners::default())
+        .submit(request(), Delivery::default())
         .unwrap();
     let mut run = bench.start();
     assert!(bench.shared.dispatch.cancel(admission.ticket));

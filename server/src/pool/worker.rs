@@ -3,7 +3,6 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use bytes::Bytes;
 use stereo::{ForkJoin, Level, Params, Serial};
 use stereo_scheduler::{Dispatch as Taken, Plan, StopReason, Ticket, Verdict};
 
@@ -13,6 +12,7 @@ use super::rig::Rig;
 use super::spares::{SPARE_PX, Spares};
 use crate::dispatch::{Job, Seat, work};
 use crate::encode;
+use crate::encode::memory::Encoded;
 use crate::job::{Degradation, FrameReply, MatchedFrame, PriorityClass, ReplyFormat, Report, RungsCut};
 use crate::status::ServiceError;
 
@@ -192,7 +192,7 @@ impl Worker {
         if times.meshed_at.is_some() {
             guide.meshed()?;
         }
-        let mut bodies: Vec<Bytes> = Vec::with_capacity(request.formats.len());
+        let mut bodies: Vec<Encoded> = Vec::with_capacity(request.formats.len());
         for &format in &request.formats {
             bodies.push(desk.body(format, &self.rig, &run.height, because, &times)?);
             guide.encoded()?;
@@ -247,7 +247,7 @@ impl Desk<'_> {
         height: &Height,
         because: StopReason,
         times: &Times,
-    ) -> Result<Bytes, ServiceError> {
+    ) -> Result<Encoded, ServiceError> {
         let request = &self.job.request;
         let (left_gray, map) = rig.result(request)?;
         let frame = MatchedFrame {
@@ -256,7 +256,9 @@ impl Desk<'_> {
             map,
             mesh: times.meshed_at.map(|_| &rig.mesh),
         };
-        encode::body(format, &frame, &|| self.report(height, because, times))
+        encode::body(format, &frame, self.job.memory(), &|| {
+            self.report(height, because, times)
+        })
     }
 
     fn report(&self, height: &Height, because: StopReason, times: &Times) -> Report {

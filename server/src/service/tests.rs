@@ -132,10 +132,11 @@ async fn frames_are_answered_by_primed_workers_and_rungs_are_told() {
     assert_eq!(service.health().workers_primed, 2);
     let (told, rungs) = std::sync::mpsc::sync_channel(8);
     let on_rung: OnRung = Box::new(move |quality| told.send(quality.rung).unwrap());
-    let reply = service
-        .submit_watched(request(LONG), Some(on_rung))
-        .await
-        .unwrap();
+    let delivery = Delivery {
+        on_rung: Some(on_rung),
+        ..Delivery::default()
+    };
+    let reply = service.submit_with(request(LONG), delivery).await.unwrap();
     assert_eq!(reply.bodies.len(), 1);
     assert_eq!(
         rungs.iter().map(u32::from).last(),

@@ -10,7 +10,7 @@ fn reply() -> FrameReply {
 
 fn reply_that(deadline_met: bool) -> FrameReply {
     FrameReply {
-        bodies: vec![Bytes::from_static(b"body")],
+        bodies: vec![b"body".as_slice().into()],
         report: Report {
             deadline_met,
             ..Report::default()

@@ -82,9 +82,9 @@ struct UnpairedView {
 }
 
 /// A result as it was sent.
-#[derive(Serialize, ToSchema)]
+#[derive(Debug, Clone, Serialize, ToSchema)]
 #[schema(as = StreamResult)]
-struct ResultView {
+pub(super) struct ResultView {
     sequence: Option<u64>,
     /// What was sent.
     bodies: Vec<&'static str>,
@@ -139,7 +139,7 @@ impl StreamView {
                 last_unpaired: counts.last_unpaired.iter().map(UnpairedView::of).collect(),
             },
             last_error: state.last_error.clone(),
-            last_result: state.last.as_ref().map(|answer| ResultView::of(answer)),
+            last_result: state.last.clone(),
         }
     }
 }
@@ -157,7 +157,7 @@ impl UnpairedView {
 }
 
 impl ResultView {
-    fn of(answer: &Answer) -> Self {
+    pub(super) fn of(answer: &Answer) -> Self {
         Self {
             sequence: answer.sequence,
             bodies: answer.bodies.iter().map(|(format, _)| format.name()).collect(),

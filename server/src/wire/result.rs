@@ -3,17 +3,22 @@
 use std::time::SystemTime;
 
 use bytes::Bytes;
-use prost::Message;
+use prost::{EncodeError, Message};
 use stereo::{FIXED_PER_PX, Roi};
 use stereo_proto::v1;
 
 use super::compress::compress;
+use super::pixels::{Field, Pixels};
 use super::report;
 use crate::decode::{self, ColorImage, Side};
-use crate::encode::disparity_png::{self, kitti_from_fixed};
+use crate::encode::disparity_png;
+use crate::encode::memory::{Encoded, Memory, encoded};
 use crate::encode::surface::Surface;
 use crate::job::{Calibration, Compression, DisparityEncoding, MatchedFrame, Report};
 use crate::status::ServiceError;
+
+/// More than a report takes.
+const REPORT_BYTES: usize = 1024;
 
 /// The parts of `frame` that were wanted, as the bytes of a `StereoResult`. `finish` is called for the report when
 /// everything else is encoded, so that it can say how long that took.
@@ -21,19 +26,33 @@ use crate::status::ServiceError;
 /// # Errors
 /// [`ServiceError::Internal`] if the mesh was wanted but not made or the PNG encoder fails; if colours were wanted, what
 /// [`decode::color`] refuses.
-pub fn result_body(frame: &MatchedFrame<'_>, finish: &dyn Fn() -> Report) -> Result<Vec<u8>, ServiceError> {
-    let result = without_report(frame)?;
-    // Room for everything at once: the report is small beside the maps.
-    let mut body = Vec::with_capacity(result.encoded_len() + 512);
-    let written = |why| ServiceError::Internal(format!("writing a result: {why}"));
-    result.encode(&mut body).map_err(written)?;
-    // The report is the last field, and messages that follow each other are one: it can be written when everything else is.
-    let rest = v1::StereoResult {
-        report: Some(report::to_proto(&finish())),
-        ..v1::StereoResult::default()
-    };
-    rest.encode(&mut body).map_err(written)?;
-    Ok(body)
+pub fn result_body(
+    frame: &MatchedFrame<'_>,
+    memory: Option<&dyn Memory>,
+    finish: &dyn Fn() -> Report,
+) -> Result<Encoded, ServiceError> {
+    let mut parts = FrameParts::new(frame)?;
+    parts.compress(frame.request.options.compression)?;
+    let pixels = parts.pixels.take();
+    let result = parts.into_result(frame);
+    let len = result.encoded_len() + pixels.map_or(0, |pixels| pixels.field_len(Field::OfResult));
+    encoded(memory, len + REPORT_BYTES, |mut body| {
+        result.encode(&mut body)?;
+        if let Some(pixels) = pixels {
+            pixels.put_field(Field::OfResult, body)?;
+        }
+        // The report is the last field, and messages that follow each other are one: it can be written when everything else is.
+        let rest = v1::StereoResult {
+            report: Some(report::to_proto(&finish())),
+            ..v1::StereoResult::default()
+        };
+        rest.encode(&mut body)
+    })
+    .map_err(unwritten)
+}
+
+fn unwritten(why: EncodeError) -> ServiceError {
+    ServiceError::Internal(format!("writing a result: {why}"))
 }
 
 /// The parts of `frame` that were wanted, but for the report.
@@ -43,44 +62,38 @@ pub fn result_body(frame: &MatchedFrame<'_>, finish: &dyn Fn() -> Report) -> Res
 pub(super) fn without_report(frame: &MatchedFrame<'_>) -> Result<v1::StereoResult, ServiceError> {
     let mut parts = FrameParts::new(frame)?;
     parts.compress(frame.request.options.compression)?;
-    let FrameParts {
-        disparity,
-        depth,
-        mesh,
-        points,
-    } = parts;
-    let ids = &frame.request.ids;
-    Ok(v1::StereoResult {
-        request_id: ids.request_id.clone(),
-        camera_id: ids.camera_id.clone(),
-        sequence: ids.sequence,
-        capture_time: ids.capture_time.map(Into::into),
-        disparity,
-        depth,
-        mesh,
-        points,
-        report: None,
-    })
+    parts.join_pixels();
+    Ok(parts.into_result(frame))
 }
 
 /// The disparity alone, as the bytes of a `Disparity`.
 ///
 /// # Errors
 /// [`ServiceError::Internal`] if the PNG encoder or the compression fails.
-pub fn disparity_body(frame: &MatchedFrame<'_>) -> Result<Vec<u8>, ServiceError> {
+pub fn disparity_body(
+    frame: &MatchedFrame<'_>,
+    memory: Option<&dyn Memory>,
+) -> Result<Encoded, ServiceError> {
     let mut parts = FrameParts {
         disparity: Some(disparity(frame, &Echo::new(frame), true)?),
+        pixels: pixels(frame, true),
         ..FrameParts::default()
     };
     parts.compress(frame.request.options.compression)?;
-    Ok(parts.disparity.unwrap_or_default().encode_to_vec())
+    let (part, pixels) = (parts.disparity.unwrap_or_default(), parts.pixels);
+    let len = part.encoded_len() + pixels.map_or(0, |pixels| pixels.field_len(Field::OfPart));
+    encoded(memory, len, |mut body| {
+        part.encode(&mut body)?;
+        pixels.map_or(Ok(()), |pixels| pixels.put_field(Field::OfPart, body))
+    })
+    .map_err(unwritten)
 }
 
 /// The mesh alone, as the bytes of a `Mesh`.
 ///
 /// # Errors
 /// As [`result_body`].
-pub fn mesh_body(frame: &MatchedFrame<'_>) -> Result<Vec<u8>, ServiceError> {
+pub fn mesh_body(frame: &MatchedFrame<'_>, memory: Option<&dyn Memory>) -> Result<Encoded, ServiceError> {
     let needs_colors = frame.request.options.outputs.colors;
     let colors = needs_colors
         .then(|| decode::color(Side::Left, &frame.request.left))
@@ -90,20 +103,23 @@ pub fn mesh_body(frame: &MatchedFrame<'_>) -> Result<Vec<u8>, ServiceError> {
         ..FrameParts::default()
     };
     parts.compress(frame.request.options.compression)?;
-    Ok(parts.mesh.unwrap_or_default().encode_to_vec())
+    let part = parts.mesh.unwrap_or_default();
+    encoded(memory, part.encoded_len(), |mut body| part.encode(&mut body)).map_err(unwritten)
 }
 
 /// The payloads.
 #[derive(Default)]
-struct FrameParts {
+struct FrameParts<'a> {
     disparity: Option<v1::Disparity>,
+    /// Data of the disparity that is written behind everything else.
+    pixels: Option<Pixels<'a>>,
     depth: Option<v1::Depth>,
     mesh: Option<v1::Mesh>,
     points: Option<v1::PointCloud>,
 }
 
-impl FrameParts {
-    fn new(frame: &MatchedFrame<'_>) -> Result<Self, ServiceError> {
+impl<'a> FrameParts<'a> {
+    fn new(frame: &MatchedFrame<'a>) -> Result<Self, ServiceError> {
         let outputs = frame.request.options.outputs;
         let needs_colors = outputs.colors && (outputs.mesh || outputs.points);
         let colors = needs_colors
@@ -116,6 +132,7 @@ impl FrameParts {
             disparity: (outputs.disparity || outputs.confidence)
                 .then(|| disparity(frame, &echo, outputs.disparity))
                 .transpose()?,
+            pixels: pixels(frame, outputs.disparity),
             depth: camera
                 .filter(|_| outputs.depth)
                 .map(|camera| depth(frame, &echo, camera)),
@@ -127,9 +144,7 @@ impl FrameParts {
                 .map(|camera| points(frame, &echo, camera, colors.as_ref())),
         })
     }
-}
 
-impl FrameParts {
     /// Every payload by itself, so that each part can be sent alone.
     fn compress(&mut self, compression: Compression) -> Result<(), ServiceError> {
         let wire = match compression {
@@ -142,6 +157,7 @@ impl FrameParts {
                 .iter_mut()
                 .try_for_each(|payload| compress(compression, payload))
         };
+        self.join_pixels();
         if let Some(part) = &mut self.disparity {
             part.set_compression(wire);
             if part.encoding() != v1::DisparityEncoding::Png16 {
@@ -163,6 +179,30 @@ impl FrameParts {
             each(&mut [&mut part.positions, &mut part.colors])?;
         }
         Ok(())
+    }
+
+    /// Puts the data where it belongs.
+    fn join_pixels(&mut self) {
+        if let (Some(part), Some(pixels)) = (&mut self.disparity, self.pixels.take()) {
+            let mut data = Vec::with_capacity(pixels.len());
+            pixels.put(&mut data);
+            part.data = data.into();
+        }
+    }
+
+    fn into_result(self, frame: &MatchedFrame<'_>) -> v1::StereoResult {
+        let ids = &frame.request.ids;
+        v1::StereoResult {
+            request_id: ids.request_id.clone(),
+            camera_id: ids.camera_id.clone(),
+            sequence: ids.sequence,
+            capture_time: ids.capture_time.map(Into::into),
+            disparity: self.disparity,
+            depth: self.depth,
+            mesh: self.mesh,
+            points: self.points,
+            report: None,
+        }
     }
 }
 
@@ -206,24 +246,20 @@ impl Echo {
     }
 }
 
+/// The disparities, if they are wanted and in an encoding that is written as it is.
+fn pixels<'a>(frame: &MatchedFrame<'a>, has_data: bool) -> Option<Pixels<'a>> {
+    let encoding = frame.request.options.disparity_encoding;
+    Pixels::new(frame.map.fixed(), encoding).filter(|_| has_data)
+}
+
+/// The disparity without what [`pixels`] are.
 fn disparity(frame: &MatchedFrame<'_>, echo: &Echo, has_data: bool) -> Result<v1::Disparity, ServiceError> {
     use v1::DisparityEncoding as Wire;
     let request = frame.request;
-    let fixed = frame.map.fixed();
     let (encoding, step, data) = match request.options.disparity_encoding {
         _ if !has_data => (Wire::Unspecified, 0, Vec::new()),
-        DisparityEncoding::F32 => {
-            let px = frame.map.iter_px().map(f32::to_le_bytes);
-            (Wire::F32, 4 * echo.width, px.collect::<Vec<_>>().into_flattened())
-        }
-        DisparityEncoding::U16 => {
-            let values = fixed.iter().map(|&fixed| kitti_from_fixed(fixed).to_le_bytes());
-            (
-                Wire::U16,
-                2 * echo.width,
-                values.collect::<Vec<_>>().into_flattened(),
-            )
-        }
+        DisparityEncoding::F32 => (Wire::F32, 4 * echo.width, Vec::new()),
+        DisparityEncoding::U16 => (Wire::U16, 2 * echo.width, Vec::new()),
         DisparityEncoding::Png16 => (Wire::Png16, 0, disparity_png::encode(frame.map)?),
     };
     let range = request.options.params.range;
@@ -351,7 +387,7 @@ fn packed(numbers: &[f32]) -> Bytes {
         .into()
 }
 
-fn px_from_fixed(fixed: u16) -> f32 {
+pub(super) fn px_from_fixed(fixed: u16) -> f32 {
     f32::from(fixed) / f32::from(FIXED_PER_PX)
 }
 

@@ -9,6 +9,7 @@ use stereo_client::v1;
 use zenoh::Session;
 use zenoh::Wait;
 use zenoh::bytes::ZBytes;
+use zenoh::query::ConsolidationMode;
 use zenoh::shm::{BlockOn, GarbageCollect, PosixShmProviderBackend, ShmProvider, ShmProviderBuilder};
 
 use super::{percentile_ms, session, zenoh_error};
@@ -105,6 +106,7 @@ async fn query(session: &Session, payload: ZBytes) -> Result<(Duration, v1::Ster
         .payload(payload)
         .encoding(ENCODING)
         .express(true)
+        .consolidation(ConsolidationMode::None)
         .await
         .map_err(zenoh_error)?;
     let reply = replies.recv_async().await.map_err(zenoh_error)?;

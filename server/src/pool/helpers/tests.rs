@@ -5,7 +5,7 @@ use std::thread::{self, ThreadId};
 use stereo::{DisparityMap, GrayView, Level, Matcher, Params, Preset, Progress, Serial, Shape, StereoPair};
 
 use super::*;
-use crate::dispatch::{Listeners, Setting};
+use crate::dispatch::{Delivery, Setting};
 use crate::job::{FrameRequest, ImageData, ReplyFormat};
 use crate::metrics::Metrics;
 use crate::pool::{Patience, Pool, Priming, Process, Shared, dummy_request};
@@ -139,7 +139,7 @@ fn a_panic_in_a_piece_fails_its_frame_only() {
             ..dummy_request()
         };
         camera.clone_into(&mut request.ids.camera_id);
-        let admission = shared.dispatch.submit(request, Listeners::default()).unwrap();
+        let admission = shared.dispatch.submit(request, Delivery::default()).unwrap();
         admission.outcome.blocking_recv().unwrap()
     };
     let before = send("good");

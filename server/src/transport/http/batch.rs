@@ -34,6 +34,7 @@ use super::envelope::{ReceivedAt, RequestId};
 use super::refusal::Refusal;
 use super::{Http, negotiate};
 use crate::clients::Caller;
+use crate::encode::memory::Encoded;
 use crate::job::{PriorityClass, ReplyFormat};
 use crate::metrics::BatchEnd;
 use crate::status::ServiceError;
@@ -267,7 +268,8 @@ async fn answer(
     let _place: Option<OwnedSemaphorePermit> = Arc::clone(&http.batch_places).acquire_owned().await.ok();
     let outcome = http.service.submit(frame).await.and_then(|reply| {
         let body = reply.bodies.into_iter().next();
-        body.ok_or_else(|| ServiceError::Internal("a reply without a body".to_owned()))
+        body.map(Encoded::into_bytes)
+            .ok_or_else(|| ServiceError::Internal("a reply without a body".to_owned()))
     });
     (id, outcome)
 }

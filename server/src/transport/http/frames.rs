@@ -135,7 +135,7 @@ pub(super) async fn post(
     drop(share);
     let body = finished.bodies.into_iter().next();
     let body = body.ok_or_else(|| ServiceError::Internal("a reply without a body".to_owned()));
-    let body = body.and_then(|body| http.bodies.reply(&caller, body, on_handed_over));
+    let body = body.and_then(|body| http.bodies.reply(&caller, body.into_bytes(), on_handed_over));
     let body = body.map_err(|error| {
         http.service.count_unsent(&error);
         named(error)

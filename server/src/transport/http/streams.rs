@@ -105,7 +105,7 @@ pub(super) async fn latest(
             match events.recv().await {
                 Ok(Event::Answered(answer)) => {
                     if let Some(body) = answer.body(reply.format) {
-                        return Some(body.clone());
+                        return Some(body.clone().into_bytes());
                     }
                 }
                 Ok(Event::Dropped { .. }) | Err(RecvError::Lagged(_)) => {}

@@ -28,6 +28,7 @@ use super::{Context, keys};
 use crate::clients::Caller;
 use crate::decode::Side;
 use crate::job::{FrameReply, FrameRequest, PriorityClass, ReplyFormat};
+use crate::service::Delivery;
 use crate::status::ServiceError;
 use crate::streams::{Stream, Unpaired};
 use crate::wire::{Intake, SingleImage, decode_request, frame_request, single_image};
@@ -349,8 +350,13 @@ impl Room<'_> {
             Err(error) => return refuse(self.context, &self.stream, None, sequence, error, received_at),
         };
         let (service, arrival) = (Arc::clone(&self.context.service), self.arrivals);
+        let outgoing = &self.context.outgoing;
+        let delivery = Delivery {
+            memory: outgoing.memory(outgoing.way_for_all()),
+            ..Delivery::default()
+        };
         self.running.push(Box::pin(async move {
-            let outcome = service.submit(frame).await;
+            let outcome = service.submit_with(frame, delivery).await;
             drop(shares);
             Finished {
                 arrival,

@@ -1,26 +1,28 @@
-//! Payloads on their way out: in memory that this server shares with whoever is on its host, as ordinary bytes for everybody else.
+//! Results on their way out: written into memory that this server shares with whoever is on its host, or ordinary bytes.
 //!
 //! The memory is a pool of fixed size, which is made when the first one on the same host is there to read it. Nothing ever waits for
 //! room in it, and nothing that somebody still reads is taken back: what doesn't fit goes out as ordinary bytes, which always works.
 //! (Zenoh's own way of putting large messages into shared memory takes back what a reader holds when the machine has stalled, so
 //! it is switched off.)
 
-use std::sync::OnceLock;
+use std::num::NonZeroUsize;
 use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, OnceLock};
 
 use bytes::Bytes;
 use zenoh::Wait;
 use zenoh::bytes::ZBytes;
-use zenoh::shm::{PosixShmProviderBackend, ShmProvider, ShmProviderBuilder};
+use zenoh::shm::{OwnedShmBuf, PosixShmProviderBackend, ShmProvider, ShmProviderBuilder, ZShm};
 
 use super::payload::Way;
+use crate::encode::memory::{Encoded, Memory};
 
-/// The pool: some twenty VGA results, or two of 4 megapixels. Containers have 64 MiB for all of their shared memory.
+/// The pool: some twelve VGA results. Containers have 64 MiB for all of their shared memory.
 const POOL_BYTES: usize = 16 << 20;
 /// Below that, a copy through the socket costs less than what it takes to share.
 const WORTH_SHARING_BYTES: usize = 4 << 10;
 
-/// Where payloads are made ready to be sent.
+/// Where results are made ready to be sent.
 pub(super) struct Outgoing {
     pool_bytes: usize,
     /// `None` if there is no shared memory here.
@@ -49,79 +51,133 @@ impl Outgoing {
         self.neighbours.store(count, Ordering::Relaxed);
     }
 
-    /// A payload for everybody who listens.
-    pub(super) fn for_all(&self, body: &Bytes) -> (ZBytes, Way) {
+    /// How results for everybody who listens leave.
+    pub(super) fn way_for_all(&self) -> Way {
         match self.neighbours.load(Ordering::Relaxed) {
-            0 => (ZBytes::from(body.clone()), Way::Network),
-            _ => self.shared(body),
+            0 => Way::Network,
+            _ => Way::SharedMemory,
         }
     }
 
-    /// A payload for somebody whose own came by `way`.
-    pub(super) fn by(&self, way: Way, body: Bytes) -> (ZBytes, Way) {
-        match way {
-            Way::SharedMemory => self.shared(&body),
-            Way::Network | Way::NoRoom => (ZBytes::from(body), Way::Network),
-        }
+    /// Where results are to be written that leave by `way`.
+    pub(super) fn memory(self: &Arc<Self>, way: Way) -> Option<Arc<dyn Memory>> {
+        (way == Way::SharedMemory).then(|| Arc::clone(self) as Arc<dyn Memory>)
     }
+}
 
-    /// In shared memory if there is room.
-    fn shared(&self, body: &Bytes) -> (ZBytes, Way) {
-        if body.len() < WORTH_SHARING_BYTES {
-            return (ZBytes::from(body.clone()), Way::Network);
+impl Memory for Outgoing {
+    fn hold(&self, most: usize, write: &mut dyn FnMut(&mut [u8]) -> Option<usize>) -> Option<Encoded> {
+        if most < WORTH_SHARING_BYTES {
+            return None;
         }
         let pool = self.pool.get_or_init(|| {
             let pool = ShmProviderBuilder::default_backend(self.pool_bytes).wait();
             pool.inspect_err(|why| tracing::warn!(%why, "no shared memory: results are sent through sockets"))
                 .ok()
         });
+        let pool = pool.as_ref()?;
         // What nobody reads any more comes back first: the same few pieces are used again and again, and are in the caches.
-        let buffer = pool.as_ref().and_then(|pool| {
-            pool.garbage_collect();
-            pool.alloc(body.len()).wait().ok()
-        });
-        match buffer {
-            Some(mut buffer) => {
-                buffer.copy_from_slice(body);
-                (ZBytes::from(buffer), Way::SharedMemory)
-            }
-            None => (ZBytes::from(body.clone()), Way::NoRoom),
-        }
+        pool.garbage_collect();
+        let mut piece = pool.alloc(most).wait().ok()?;
+        let used = write(&mut piece)?;
+        piece.try_resize(NonZeroUsize::new(used)?)?;
+        let piece = Arc::new(Piece(ZShm::from(piece)));
+        let bytes = Bytes::from_owner(Whole(Arc::clone(&piece)));
+        Some(Encoded::in_memory_of(piece, bytes))
     }
+}
+
+/// A result in the pool.
+struct Piece(ZShm);
+
+/// Its bytes.
+struct Whole(Arc<Piece>);
+
+impl AsRef<[u8]> for Whole {
+    fn as_ref(&self) -> &[u8] {
+        &self.0.0
+    }
+}
+
+/// `body` as Zenoh sends it, and how it leaves where it was to leave by `way`.
+pub(super) fn payload(body: &Encoded, way: Way) -> (ZBytes, Way) {
+    match (body.origin::<Piece>(), way) {
+        (Some(piece), _) => (ZBytes::from(piece.0.clone()), Way::SharedMemory),
+        (None, Way::SharedMemory) if body.len() >= WORTH_SHARING_BYTES => (ordinary(body), Way::NoRoom),
+        (None, _) => (ordinary(body), Way::Network),
+    }
+}
+
+fn ordinary(body: &Encoded) -> ZBytes {
+    ZBytes::from(body.clone().into_bytes())
 }
 
 #[cfg(test)]
 mod tests {
+
     use super::*;
+    use crate::encode::memory::encoded;
+
+    /// A result of `len` bytes, each `value`.
+    fn result(outgoing: &Arc<Outgoing>, way: Way, len: usize, value: u8) -> Encoded {
+        let memory = outgoing.memory(way);
+        encoded(memory.as_deref(), len, |to| {
+            to.put_bytes(value, len);
+            Ok(())
+        })
+        .unwrap()
+    }
 
     #[test]
     fn a_full_pool_is_waited_for_by_nobody_and_used_again_when_it_has_room() {
-        let outgoing = Outgoing::new(1 << 20);
+        let outgoing = Arc::new(Outgoing::new(1 << 20));
         outgoing.set_neighbours(1);
-        let body = Bytes::from(vec![7; 300 << 10]);
-        let held: Vec<(ZBytes, Way)> = (0..5).map(|_| outgoing.for_all(&body)).collect();
+        let sent = |value| {
+            let way = outgoing.way_for_all();
+            payload(&result(&outgoing, way, 300 << 10, value), way)
+        };
+        let held: Vec<(ZBytes, Way)> = (0..5).map(sent).collect();
         let ways: Vec<Way> = held.iter().map(|(_, way)| *way).collect();
         assert_eq!(ways[..3], [Way::SharedMemory; 3]);
         assert_eq!(ways[4], Way::NoRoom);
-        for (payload, way) in &held {
+        for ((payload, way), value) in held.iter().zip(0..) {
             assert_eq!(payload.as_shm().is_some(), *way == Way::SharedMemory);
-            assert_eq!(*payload.to_bytes(), body);
+            assert_eq!(*payload.to_bytes(), vec![value; 300 << 10]);
         }
         drop(held);
-        for _ in 0..100 {
-            assert_eq!(outgoing.for_all(&body).1, Way::SharedMemory);
+        for value in 0..100 {
+            assert_eq!(sent(value).1, Way::SharedMemory);
         }
     }
 
     #[test]
+    fn a_piece_is_as_long_as_what_was_written_and_lives_as_long_as_anybody_needs_it() {
+        let outgoing = Arc::new(Outgoing::default());
+        let written = outgoing.hold(10_000, &mut |piece| {
+            piece[..5000].fill(7);
+            Some(5000)
+        });
+        let written = written.unwrap();
+        assert_eq!(**written, [7; 5000]);
+        let (sent, _) = payload(&written, Way::SharedMemory);
+        let bytes = written.into_bytes();
+        for value in 0..100 {
+            drop(result(&outgoing, Way::SharedMemory, 5000, value));
+        }
+        assert_eq!(bytes, [7; 5000].as_slice());
+        assert_eq!(*sent.to_bytes(), [7; 5000]);
+        assert!(outgoing.hold(10_000, &mut |_| None).is_none());
+    }
+
+    #[test]
     fn nothing_is_shared_with_those_who_cannot_read_it_or_need_not() {
-        let outgoing = Outgoing::default();
-        let body = Bytes::from(vec![7; 100_000]);
-        assert_eq!(outgoing.for_all(&body).1, Way::Network);
-        assert_eq!(outgoing.by(Way::Network, body.clone()).1, Way::Network);
+        let outgoing = Arc::new(Outgoing::default());
+        assert_eq!(outgoing.way_for_all(), Way::Network);
+        assert!(outgoing.memory(Way::Network).is_none());
+        let by = |way, len| payload(&result(&outgoing, way, len, 7), way).1;
+        assert_eq!(by(Way::Network, 100_000), Way::Network);
+        assert_eq!(by(Way::SharedMemory, 1000), Way::Network);
         assert!(outgoing.pool.get().is_none(), "no memory is taken for nothing");
-        let small = Bytes::from_static(b"report");
-        assert_eq!(outgoing.by(Way::SharedMemory, small).1, Way::Network);
-        assert_eq!(outgoing.by(Way::SharedMemory, body).1, Way::SharedMemory);
+        assert_eq!(by(Way::SharedMemory, 100_000), Way::SharedMemory);
     }
 }

@@ -14,9 +14,11 @@ use zenoh::query::{Query, Queryable};
 
 use super::payload::Way;
 use super::settings::Revision;
-use super::{Context, keys, payload};
+use super::{Context, keys, outgoing, payload};
 use crate::clients::Caller;
+use crate::encode::memory::Encoded;
 use crate::job::{FrameRequest, PriorityClass, ReplyFormat};
+use crate::service::{Delivery, OnPartial};
 use crate::status::ServiceError;
 use crate::wire::{Intake, decode_request, frame_request, selector_parameters};
 
@@ -68,30 +70,35 @@ async fn compute(
     let request_id = frame.ids.request_id.clone();
     let (partial, mut partials) = mpsc::channel(PARTIAL_WAITING);
     let sink = is_partial.then(|| {
-        let sink: crate::service::OnPartial = Box::new(move |body| {
+        let sink: OnPartial = Box::new(move |body| {
             // What can't be sent before the next one is ready isn't worth sending.
             drop(partial.try_send(body));
         });
         sink
     });
-    let work = context.service.submit_partial(frame, sink);
+    let delivery = Delivery {
+        on_partial: sink,
+        memory: context.outgoing.memory(way),
+        on_rung: None,
+    };
+    let work = context.service.submit_with(frame, delivery);
     tokio::pin!(work);
     let outcome = loop {
         tokio::select! {
             biased;
             outcome = &mut work => break outcome,
-            Some(body) = partials.recv() => answer(&context, &query, way, body),
+            Some(body) = partials.recv() => answer(&context, &query, way, &body),
         }
     };
     drop(share);
     // The first result always comes first, however soon the last one was ready.
     while let Ok(body) = partials.try_recv() {
-        answer(&context, &query, way, body);
+        answer(&context, &query, way, &body);
     }
     match outcome {
         Ok(reply) => {
             let body = reply.bodies.into_iter().next().unwrap_or_default();
-            answer(&context, &query, way, body);
+            answer(&context, &query, way, &body);
         }
         Err(error) => refuse(&query, &error, &request_id),
     }
@@ -216,10 +223,9 @@ async fn announce(context: &Context, camera: &str, revision: &Revision) {
 }
 
 /// Sends a result by the way the request came.
-fn answer(context: &Context, query: &Query, way: Way, body: bytes::Bytes) {
+fn answer(context: &Context, query: &Query, way: Way, body: &Encoded) {
+    let (payload, way) = outgoing::payload(body, way);
     sent(|| {
-        // In here, since it copies a whole result into shared memory, and makes that on its first use.
-        let (payload, way) = context.outgoing.by(way, body);
         query
             .reply(query.key_expr(), payload)
             .encoding(payload::encoding("StereoResult"))

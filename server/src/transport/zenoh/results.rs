@@ -8,7 +8,7 @@ use zenoh::Wait;
 use zenoh::pubsub::Publisher;
 use zenoh::qos::CongestionControl;
 
-use super::{Context, keys, payload};
+use super::{Context, keys, outgoing, payload};
 use crate::job::ReplyFormat;
 use crate::streams::{Answer, Stream};
 
@@ -85,7 +85,7 @@ impl Results {
                     let Some(body) = answer.body(part.format) else {
                         continue;
                     };
-                    let (payload, way) = context.outgoing.for_all(body);
+                    let (payload, way) = outgoing::payload(body, context.outgoing.way_for_all());
                     match part.publisher.put(payload).wait() {
                         Ok(()) => context.service.metrics().zenoh_result(way.name()),
                         Err(why) => {

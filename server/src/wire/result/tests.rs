@@ -103,7 +103,7 @@ impl Finished {
             matched: Duration::from_micros(1500),
             ..Report::default()
         };
-        StereoResult::decode(Bytes::from(result_body(&frame, &report).unwrap())).unwrap()
+        StereoResult::decode(result_body(&frame, None, &report).unwrap().into_bytes()).unwrap()
     }
 }
 
