@@ -118,8 +118,7 @@ impl Kernel for Candidates<'_> {
             lent[REACH_PX + width..].fill(NONE);
             let inner = lent[REACH_PX..REACH_PX + width].iter_mut();
             for (lent, (disparity, cost)) in inner.zip(disparity.iter().zip(cost)) {
-                let good = u16::from(*cost < GOOD_BELOW).wrapping_neg();
-                *lent = (*disparity).min(found.max_fixed) | !good;
+                *lent = (*disparity).min(found.max_fixed) | mask(*cost >= GOOD_BELOW);
             }
             // Each step takes what lies `step` away: after these, from up to 1, 3, 7 and 8 away.
             for step in [1, 2, 4, 1] {
@@ -131,8 +130,7 @@ impl Kernel for Candidates<'_> {
                 for (block, next) in blocks.iter_mut().enumerate() {
                     let (here, left, right) = (&here[block], &left[block], &right[block]);
                     for k in 0..BLOCK {
-                        let beside = if left[k] == NONE { right[k] } else { left[k] };
-                        next[k] = if here[k] == NONE { beside } else { here[k] };
+                        next[k] = or_else(here[k], or_else(left[k], right[k]));
                     }
                 }
                 std::mem::swap(&mut lent, &mut next);
@@ -142,19 +140,34 @@ impl Kernel for Candidates<'_> {
                 let x = block * BLOCK;
                 let n = candidates.len();
                 let (own, cost, lent) = (&disparity[x..x + n], &cost[x..x + n], &inner[x..x + n]);
-                let mut borrowers = 0;
+                let mut borrows = 0;
                 for k in 0..n {
-                    let lends = lent[k] != NONE;
-                    borrowers += u8::from(lends & (cost[k] >= GOOD_BELOW));
-                    let own = own[k].min(found.max_fixed);
-                    candidates[k] = if lends { lent[k] } else { own };
+                    borrows |= !none(lent[k]) & mask(cost[k] >= GOOD_BELOW);
+                    candidates[k] = or_else(lent[k], own[k].min(found.max_fixed));
                 }
-                if borrowers > 0 {
+                if borrows > 0 {
                     changes.mark(y, x, x);
                 }
             }
         }
     }
+}
+
+/// All ones where `condition`, else zero: AVX2 has no other way to choose without a branch.
+#[inline(always)]
+fn mask(condition: bool) -> u16 {
+    u16::from(condition).wrapping_neg()
+}
+
+#[inline(always)]
+fn none(disparity: u16) -> u16 {
+    mask(disparity == NONE)
+}
+
+/// `disparity`, or `otherwise` if it is [`NONE`], which is all ones.
+#[inline(always)]
+fn or_else(disparity: u16, otherwise: u16) -> u16 {
+    disparity & (otherwise | !none(disparity))
 }
 
 #[cfg(test)]

@@ -2,7 +2,7 @@ use proptest::prelude::*;
 
 use super::{Plane, Strip, fill, scan_lines};
 use crate::mesh::Vertex;
-use crate::simd::Level;
+use crate::simd::{Kernel, Lanes, Level};
 
 /// Column, row, and disparity in 1/64 px.
 type Corner = (u16, u16, u16);
@@ -168,4 +168,50 @@ fn steepness_is_the_length_of_the_gradient() {
     );
     let is_steeper = |limit| plane.map(|plane| plane.is_steeper_than(limit));
     assert_eq!([4.99, 5.0].map(is_steeper), [Some(true), Some(false)]);
+}
+
+/// A ramp between two pixels that stay as they are.
+struct Ramps {
+    length: usize,
+    first: i32,
+    step: i32,
+}
+
+impl Kernel for Ramps {
+    type Output = Vec<u16>;
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, lanes: L) -> Vec<u16> {
+        let mut row = vec![7; self.length + 2];
+        lanes.ramp(&mut row[1..=self.length], self.first, self.step, 200 << 16);
+        row
+    }
+}
+
+#[test]
+fn ramps_of_every_length_are_the_same_at_all_levels() {
+    for length in 0..70 {
+        for (first, step) in [
+            (100 << 16, 12_345),
+            (100 << 16, -98_765),
+            (-(50 << 16), 1 << 19),
+            (i32::MAX, 1 << 20),
+        ] {
+            let ramp = |level: Level| level.run(Ramps { length, first, step });
+            let mut value = first;
+            let mut expected = vec![7];
+            for _ in 0..length {
+                expected.push(u16::try_from(value.clamp(0, 200 << 16) >> 16).unwrap());
+                value = value.wrapping_add(step);
+            }
+            expected.push(7);
+            for level in Level::available() {
+                assert_eq!(
+                    ramp(level),
+                    expected,
+                    "{level:?}, {length} px from {first} by {step}"
+                );
+            }
+        }
+    }
 }

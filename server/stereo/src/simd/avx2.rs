@@ -1,15 +1,17 @@
 //! AVX2: two pixels a vector.
 
 use std::arch::x86_64::{
-    __m256i, _mm_add_epi32, _mm_cvtsi128_si32, _mm_loadu_si128, _mm_min_epu16, _mm_minpos_epu16,
-    _mm_storeu_si128, _mm_unpackhi_epi64, _mm256_abs_epi16, _mm256_add_epi8, _mm256_add_epi16,
-    _mm256_adds_epu8, _mm256_and_si256, _mm256_avg_epu8, _mm256_blendv_epi8, _mm256_broadcastsi128_si256,
-    _mm256_bslli_epi128, _mm256_bsrli_epi128, _mm256_castsi256_si128, _mm256_cmpeq_epi8, _mm256_cmpeq_epi16,
-    _mm256_cmpgt_epi16, _mm256_cvtepu8_epi16, _mm256_extracti128_si256, _mm256_loadu_si256, _mm256_max_epu8,
-    _mm256_max_epu16, _mm256_min_epu8, _mm256_min_epu16, _mm256_movemask_epi8, _mm256_or_si256,
-    _mm256_permute2x128_si256, _mm256_sad_epu8, _mm256_set_m128i, _mm256_set1_epi8, _mm256_set1_epi16,
-    _mm256_setr_epi8, _mm256_setr_epi16, _mm256_setzero_si256, _mm256_shuffle_epi8, _mm256_shuffle_epi32,
-    _mm256_slli_epi16, _mm256_srli_epi16, _mm256_storeu_si256, _mm256_sub_epi8, _mm256_sub_epi16,
+    __m256i, _mm_add_epi32, _mm_cvtsi128_si32, _mm_cvtsi128_si64, _mm_loadu_si128, _mm_min_epu16,
+    _mm_minpos_epu16, _mm_packus_epi32, _mm_storel_epi64, _mm_storeu_si128, _mm_unpackhi_epi64,
+    _mm256_abs_epi16, _mm256_add_epi8, _mm256_add_epi16, _mm256_add_epi32, _mm256_adds_epu8,
+    _mm256_and_si256, _mm256_avg_epu8, _mm256_blendv_epi8, _mm256_broadcastsi128_si256, _mm256_bslli_epi128,
+    _mm256_bsrli_epi128, _mm256_castsi256_si128, _mm256_cmpeq_epi8, _mm256_cmpeq_epi16, _mm256_cmpgt_epi16,
+    _mm256_cvtepu8_epi16, _mm256_extracti128_si256, _mm256_loadu_si256, _mm256_max_epi32, _mm256_max_epu8,
+    _mm256_max_epu16, _mm256_min_epi32, _mm256_min_epu8, _mm256_min_epu16, _mm256_movemask_epi8,
+    _mm256_mullo_epi32, _mm256_or_si256, _mm256_permute2x128_si256, _mm256_sad_epu8, _mm256_set_m128i,
+    _mm256_set1_epi8, _mm256_set1_epi16, _mm256_set1_epi32, _mm256_setr_epi8, _mm256_setr_epi16,
+    _mm256_setr_epi32, _mm256_setzero_si256, _mm256_shuffle_epi8, _mm256_shuffle_epi32, _mm256_slli_epi16,
+    _mm256_srli_epi16, _mm256_srli_epi32, _mm256_storeu_si256, _mm256_sub_epi8, _mm256_sub_epi16,
     _mm256_subs_epu8, _mm256_unpackhi_epi8, _mm256_unpacklo_epi8, _mm256_xor_si256,
 };
 
@@ -283,6 +285,45 @@ impl Lanes for Avx2 {
             let new = _mm256_or_si256(_mm256_slli_epi16::<8>(sums), labels);
             let old = _mm256_loadu_si256(keys.as_ptr().cast());
             _mm256_storeu_si256(keys.as_mut_ptr().cast(), _mm256_min_epu16(old, new));
+        }
+    }
+
+    #[inline(always)]
+    #[expect(clippy::cast_possible_truncation, reason = "rows are short")]
+    #[expect(clippy::cast_possible_wrap, reason = "rows are short")]
+    fn ramp(self, to: &mut [u16], first: i32, step: i32, most: i32) {
+        let n = to.len();
+        let value = |at: usize| first.wrapping_add(step.wrapping_mul(at as i32));
+        // SAFETY: `self` proves that AVX2 is there; every vector is stored to a chunk of its length.
+        unsafe {
+            let ascending = _mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7);
+            let offsets = _mm256_mullo_epi32(ascending, _mm256_set1_epi32(step));
+            let most = _mm256_set1_epi32(most);
+            let eight = |at: usize| {
+                let values = _mm256_add_epi32(_mm256_set1_epi32(value(at)), offsets);
+                let kept = _mm256_min_epi32(_mm256_max_epi32(values, _mm256_setzero_si256()), most);
+                let halves = _mm256_srli_epi32::<16>(kept);
+                _mm_packus_epi32(
+                    _mm256_castsi256_si128(halves),
+                    _mm256_extracti128_si256::<1>(halves),
+                )
+            };
+            // What whole vectors leave is in one that overlaps them, with the same values.
+            if n >= 8 {
+                for (k, chunk) in to.as_chunks_mut::<8>().0.iter_mut().enumerate() {
+                    _mm_storeu_si128(chunk.as_mut_ptr().cast(), eight(8 * k));
+                }
+                _mm_storeu_si128(to[n - 8..].as_mut_ptr().cast(), eight(n - 8));
+            } else if n >= 4 {
+                for at in [0, n - 4] {
+                    _mm_storel_epi64(to[at..at + 4].as_mut_ptr().cast(), eight(at));
+                }
+            } else {
+                let words = _mm_cvtsi128_si64(eight(0));
+                for (k, to) in to.iter_mut().enumerate() {
+                    *to = (words.cast_unsigned() >> (16 * k)) as u16;
+                }
+            }
         }
     }
 
