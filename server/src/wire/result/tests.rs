@@ -91,13 +91,17 @@ impl Finished {
         }
     }
 
-    fn body(&self) -> StereoResult {
-        let frame = MatchedFrame {
+    fn frame(&self) -> MatchedFrame<'_> {
+        MatchedFrame {
             request: &self.request,
             left_gray: GrayView::new(&self.gray, WIDTH, HEIGHT, WIDTH).unwrap(),
             map: &self.map,
             mesh: Some(&self.mesh),
-        };
+        }
+    }
+
+    fn body(&self) -> StereoResult {
+        let frame = self.frame();
         let report = || Report {
             iterations_run: 3,
             matched: Duration::from_micros(1500),
@@ -225,6 +229,29 @@ fn the_three_disparity_encodings_say_the_same() {
     let image = image::load_from_memory(&png.data).unwrap().into_luma16();
     assert_eq!(image.into_raw(), values);
     assert_eq!(png.confidence[WIDTH + 2], 254);
+}
+
+#[test]
+fn data_that_is_written_behind_everything_else_is_read_as_what_it_is_a_part_of() {
+    let mut finished = Finished::new(Some(CAMERA), ALL);
+    for encoding in [
+        DisparityEncoding::F32,
+        DisparityEncoding::U16,
+        DisparityEncoding::Png16,
+    ] {
+        finished.request.options.disparity_encoding = encoding;
+        let whole = without_report(&finished.frame()).unwrap();
+        let result = finished.body();
+        assert_eq!(result.disparity, whole.disparity, "{encoding:?}");
+        let alone = disparity_body(&finished.frame(), None).unwrap();
+        let alone = v1::Disparity::decode(alone.into_bytes()).unwrap();
+        assert_eq!(Some(alone), whole.disparity, "{encoding:?}");
+        let rest = |result: StereoResult| StereoResult {
+            report: None,
+            ..result
+        };
+        assert_eq!(rest(result), whole, "{encoding:?}");
+    }
 }
 
 #[test]
