@@ -286,6 +286,7 @@ impl Fleet {
         })?;
         match reply.into_result() {
             Ok(sample) => {
+                // Copied: shared memory that a client holds when it is killed never comes back to the server.
                 let mut result = StereoResult::decode(&*sample.payload().to_bytes())
                     .map_err(|why| ClientError::Malformed(why.to_string()))?;
                 decompress(&mut result)?;

@@ -150,6 +150,7 @@ impl Results {
     /// [`ClientError::Network`] if the session is closed, [`ClientError::Malformed`] if what comes is no result.
     pub async fn next(&self) -> Result<StereoResult, ClientError> {
         let sample = self.samples.recv_async().await.map_err(failed)?;
+        // Copied: shared memory that a client holds when it is killed never comes back to the server.
         let mut result = StereoResult::decode(&*sample.payload().to_bytes())
             .map_err(|why| ClientError::Malformed(why.to_string()))?;
         decompress(&mut result)?;
