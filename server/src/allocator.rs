@@ -8,8 +8,7 @@ use std::process::Command;
 /// becomes part of a heap that seldom shrinks: twice the bytes that may be in flight took a server to 1.6 times its bound.
 const MAPPED_FROM: (&str, &str) = ("MALLOC_MMAP_THRESHOLD_", "1048576");
 /// Bytes that a heap keeps at its end: those of a few VGA frames. With glibc's 128 KiB, the body and the result of each frame were given
-/// back and asked for again, page by page, which was a fifth of a round trip over HTTP without the
-/// match.
+/// back and asked for again, page by page, which was a fifth of a round trip over HTTP without the match.
 const KEPT: (&str, &str) = ("MALLOC_TRIM_THRESHOLD_", "4194304");
 
 /// Starts this program anew in its own place, with glibc told, unless that is done already. Goes on without where it can't be.

@@ -10,6 +10,7 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
+use bytes::Bytes;
 use tokio::sync::broadcast;
 
 pub(crate) use self::counts::Unpaired;
@@ -17,7 +18,6 @@ use self::counts::{Counts, Rate};
 pub(crate) use self::network::Network;
 #[cfg(feature = "zenoh")]
 pub(crate) use self::network::NetworkState;
-use self::view::ResultView;
 pub(crate) use self::view::{StreamView, StreamsView, event_json};
 use crate::encode::memory::Encoded;
 use crate::job::{FrameReply, ReplyFormat, Report};
@@ -68,7 +68,7 @@ struct State {
     answered: Rate,
     /// Number of the newest frame that came.
     newest: Option<u64>,
-    last: Option<ResultView>,
+    last: Option<Arc<Seen>>,
     last_error: Option<String>,
     settings_revision: u64,
 }
@@ -77,7 +77,7 @@ struct State {
 #[derive(Debug, Clone)]
 pub(crate) enum Event {
     /// It was answered.
-    Answered(Arc<Answer>),
+    Answered(Arc<Seen>),
     /// It was dropped.
     Dropped {
         sequence: Option<u64>,
@@ -85,21 +85,28 @@ pub(crate) enum Event {
     },
 }
 
-/// A finished frame.
+/// The bodies of a finished frame, for who subscribes.
+pub(crate) type Answer = Bodies<Encoded>;
+
+/// A finished frame for who looks on: without bodies in the memory of a transport, which those who look slowly would keep from others.
 #[derive(Debug)]
-pub(crate) struct Answer {
+pub(crate) struct Seen {
     pub(crate) sequence: Option<u64>,
     pub(crate) report: Report,
-    pub(crate) bodies: Vec<(ReplyFormat, Encoded)>,
+    /// Of all bodies.
+    pub(crate) formats: Vec<ReplyFormat>,
+    pub(crate) bodies: Bodies<Bytes>,
 }
 
-impl Answer {
+/// Bodies by their format.
+#[derive(Debug)]
+pub(crate) struct Bodies<B>(Vec<(ReplyFormat, B)>);
+
+impl<B> Bodies<B> {
     /// The body of a format, if somebody had asked for it.
-    pub(crate) fn body(&self, format: ReplyFormat) -> Option<&Encoded> {
-        self.bodies
-            .iter()
-            .find(|(found, _)| *found == format)
-            .map(|(_, body)| body)
+    pub(crate) fn get(&self, format: ReplyFormat) -> Option<&B> {
+        let found = self.0.iter().find(|(found, _)| *found == format);
+        found.map(|(_, body)| body)
     }
 }
 
@@ -256,15 +263,29 @@ impl Stream {
         state.counts.answered += 1;
         state.counts.answered_late += u64::from(!reply.report.deadline_met);
         state.answered.tick(Instant::now());
-        let answer = Arc::new(Answer {
+        drop(state);
+        let answer = Bodies(formats.iter().copied().zip(reply.bodies).collect());
+        let seen = Arc::new(Seen {
             sequence,
             report: reply.report,
-            bodies: formats.iter().copied().zip(reply.bodies).collect(),
+            formats: formats.to_vec(),
+            bodies: self.seen(&answer),
         });
-        state.last = Some(ResultView::of(&answer));
-        drop(state);
-        self.tell(|| Event::Answered(Arc::clone(&answer)));
-        answer
+        lock(&self.state).last = Some(Arc::clone(&seen));
+        self.tell(|| Event::Answered(seen));
+        Arc::new(answer)
+    }
+
+    /// The bodies for who looks on.
+    fn seen(&self, answer: &Answer) -> Bodies<Bytes> {
+        let bodies = answer.0.iter().filter_map(|(format, body)| {
+            let is_watched = || self.watched().any(|watched| watched == *format);
+            match body.is_own() {
+                true => Some((*format, Bytes::clone(body))),
+                false => is_watched().then(|| (*format, Bytes::copy_from_slice(body))),
+            }
+        });
+        Bodies(bodies.collect())
     }
 
     /// A result was ready, but the one before it was still being sent.

@@ -33,6 +33,12 @@ impl Encoded {
         self.origin.as_deref()?.downcast_ref()
     }
 
+    /// Whether they lie in this process's own memory.
+    #[must_use]
+    pub fn is_own(&self) -> bool {
+        self.origin.is_none()
+    }
+
     /// The bytes, wherever they lie.
     #[must_use]
     pub fn into_bytes(self) -> Bytes {

@@ -101,17 +101,48 @@ fn who_listens_hears_what_happens() {
     let mut events = stream.events();
     stream.answered(Some(1), &[ReplyFormat::Protobuf], reply());
     stream.dropped(None, &ServiceError::Superseded);
-    let Event::Answered(answer) = events.try_recv().unwrap() else {
+    let Event::Answered(seen) = events.try_recv().unwrap() else {
         panic!("a result came first")
     };
-    assert_eq!(
-        answer.body(ReplyFormat::Protobuf).map(|body| &body[..]),
-        Some(&b"body"[..])
-    );
-    assert!(answer.body(ReplyFormat::Json).is_none());
+    assert_eq!(seen.bodies.get(ReplyFormat::Protobuf).unwrap(), &b"body"[..]);
+    assert!(seen.bodies.get(ReplyFormat::Json).is_none());
     let (name, data) = event_json(&events.try_recv().unwrap());
     assert_eq!(
         (name, &data["reason"]),
         ("dropped", &serde_json::json!("SUPERSEDED"))
     );
+}
+
+#[test]
+fn who_looks_slowly_keeps_no_memory_from_those_who_subscribe() {
+    let streams = streams();
+    let stream = streams.open("front").unwrap();
+    let mut events = stream.events();
+    let shared = Arc::new(());
+    let answered = || {
+        let body = Encoded::in_memory_of(Arc::clone(&shared), Bytes::from_static(b"shared"));
+        let bodies = vec![body];
+        stream.answered(
+            Some(1),
+            &[ReplyFormat::Protobuf],
+            FrameReply { bodies, ..reply() },
+        )
+    };
+    let mut seen = || match events.try_recv() {
+        Ok(Event::Answered(seen)) => seen,
+        _ => panic!("a result came"),
+    };
+    drop(answered());
+    assert_eq!(
+        Arc::strong_count(&shared),
+        1,
+        "neither events nor the last result hold it"
+    );
+    let unwatched = seen();
+    assert!(unwatched.bodies.get(ReplyFormat::Protobuf).is_none());
+    assert_eq!(unwatched.formats, [ReplyFormat::Protobuf]);
+    let _watch = stream.watch(ReplyFormat::Protobuf).unwrap();
+    drop(answered());
+    assert_eq!(Arc::strong_count(&shared), 1);
+    assert_eq!(seen().bodies.get(ReplyFormat::Protobuf).unwrap(), &b"shared"[..]);
 }

@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 use utoipa::ToSchema;
 
 use super::network::Network;
-use super::{Answer, Event, Stream, Streams, lock};
+use super::{Event, Seen, Stream, Streams, lock};
 use crate::encode::{ReportFields, report_fields};
 
 /// Everything about all streams.
@@ -82,9 +82,9 @@ struct UnpairedView {
 }
 
 /// A result as it was sent.
-#[derive(Debug, Clone, Serialize, ToSchema)]
+#[derive(Serialize, ToSchema)]
 #[schema(as = StreamResult)]
-pub(super) struct ResultView {
+struct ResultView {
     sequence: Option<u64>,
     /// What was sent.
     bodies: Vec<&'static str>,
@@ -139,7 +139,7 @@ impl StreamView {
                 last_unpaired: counts.last_unpaired.iter().map(UnpairedView::of).collect(),
             },
             last_error: state.last_error.clone(),
-            last_result: state.last.clone(),
+            last_result: state.last.as_ref().map(|seen| ResultView::of(seen)),
         }
     }
 }
@@ -157,11 +157,11 @@ impl UnpairedView {
 }
 
 impl ResultView {
-    pub(super) fn of(answer: &Answer) -> Self {
+    fn of(seen: &Seen) -> Self {
         Self {
-            sequence: answer.sequence,
-            bodies: answer.bodies.iter().map(|(format, _)| format.name()).collect(),
-            report: json!(report_fields(&answer.report)),
+            sequence: seen.sequence,
+            bodies: seen.formats.iter().map(|format| format.name()).collect(),
+            report: json!(report_fields(&seen.report)),
         }
     }
 }
@@ -169,7 +169,7 @@ impl ResultView {
 /// The name of an event and its data.
 pub(crate) fn event_json(event: &Event) -> (&'static str, Value) {
     match event {
-        Event::Answered(answer) => ("result", json!(ResultView::of(answer))),
+        Event::Answered(seen) => ("result", json!(ResultView::of(seen))),
         Event::Dropped { sequence, error } => (
             "dropped",
             json!({ "sequence": sequence, "reason": error.reason_name(), "detail": error.text() }),

@@ -4,7 +4,7 @@
 //! fits, get their disparity from the part of them that was found.
 
 use crate::changes::Changes;
-use crate::simd::{Kernel, Lanes, Level};
+use crate::simd::{Kernel, Lanes, Level, mask};
 
 /// How far a disparity travels, px.
 const REACH_PX: usize = 8;
@@ -151,12 +151,6 @@ impl Kernel for Candidates<'_> {
             }
         }
     }
-}
-
-/// All ones where `condition`, else zero: AVX2 has no other way to choose without a branch.
-#[inline(always)]
-fn mask(condition: bool) -> u16 {
-    u16::from(condition).wrapping_neg()
 }
 
 #[inline(always)]

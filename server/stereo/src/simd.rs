@@ -40,6 +40,12 @@ pub(crate) trait Kernel {
     fn run<L: Lanes>(self, lanes: L) -> Self::Output;
 }
 
+/// All ones where `condition`, else zero. Selecting by masks keeps loops free of branches, without which AVX2 gets no vectors.
+#[inline(always)]
+pub(crate) fn mask(condition: bool) -> u16 {
+    u16::from(condition).wrapping_neg()
+}
+
 impl Default for Level {
     fn default() -> Self {
         Self::SCALAR

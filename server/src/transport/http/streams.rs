@@ -103,9 +103,9 @@ pub(super) async fn latest(
     let next = async {
         loop {
             match events.recv().await {
-                Ok(Event::Answered(answer)) => {
-                    if let Some(body) = answer.body(reply.format) {
-                        return Some(body.clone().into_bytes());
+                Ok(Event::Answered(seen)) => {
+                    if let Some(body) = seen.bodies.get(reply.format) {
+                        return Some(body.clone());
                     }
                 }
                 Ok(Event::Dropped { .. }) | Err(RecvError::Lagged(_)) => {}

@@ -82,7 +82,7 @@ impl Results {
             // A link that is full makes this wait, as long as the session is told to at most.
             let sent = spawn_blocking(move || {
                 for part in &results.parts {
-                    let Some(body) = answer.body(part.format) else {
+                    let Some(body) = answer.get(part.format) else {
                         continue;
                     };
                     let (payload, way) = outgoing::payload(body, context.outgoing.way_for_all());

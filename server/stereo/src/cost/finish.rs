@@ -2,18 +2,12 @@
 
 use super::{Best, TESTED, Window};
 use crate::disparity::FIXED_PER_PX;
-use crate::simd::{Lanes, MOST_BYTES};
+use crate::simd::{Lanes, MOST_BYTES, mask};
 
 /// What is made of the sums of the three candidates.
 pub(super) trait Finish: Copy {
     /// A run of a row: `sums[k]` holds the sums over the window's rows of candidate k, from `radius` columns before the first.
     fn finish<L: Lanes>(self, lanes: L, sums: [&[u8]; TESTED], candidates: &[u16], best: Best<'_>);
-}
-
-/// All ones where `condition`, else zero: selecting by masks keeps the loops free of branches.
-#[inline(always)]
-fn mask(condition: bool) -> u16 {
-    u16::from(condition).wrapping_neg()
 }
 
 #[inline(always)]
