@@ -115,13 +115,28 @@ impl Evaluation<'_> {
         best: &mut Best<'_>,
         scratch: &mut Scratch,
     ) {
+        self.update_by(0, first_row, changed, best, scratch);
+    }
+
+    /// The same, but keeps only what is better by more than `by` (of 250).
+    pub(crate) fn update_by(
+        &self,
+        by: u8,
+        first_row: usize,
+        changed: impl Fn(usize) -> Blocks,
+        best: &mut Best<'_>,
+        scratch: &mut Scratch,
+    ) {
         self.level.run(Area {
             evaluation: self,
             first_row,
             changed,
             best,
             scratch,
-            finish: KeepBetter::<false>(self.window),
+            finish: KeepBetter::<false> {
+                window: self.window,
+                by,
+            },
         });
     }
 
@@ -133,7 +148,10 @@ impl Evaluation<'_> {
             changed: |_| Blocks::ALL,
             best,
             scratch,
-            finish: KeepBetter::<true>(self.window),
+            finish: KeepBetter::<true> {
+                window: self.window,
+                by: 0,
+            },
         });
     }
 

@@ -27,6 +27,7 @@ use crate::triangulation::Triangulation;
 
 mod dense;
 mod meshing;
+mod recovery;
 mod regions;
 
 pub(crate) use regions::Regions;
@@ -50,6 +51,8 @@ pub(crate) enum Stage {
     Evaluate { row: usize },
     /// Do a part of the dense rungs' work.
     Dense(dense::Part),
+    /// Do a part of the work to get back what the dense rungs lost.
+    Recover(recovery::Part),
     /// Rate and write the result.
     Publish,
 }
@@ -65,6 +68,7 @@ impl Stage {
             Self::Propagate => "propagate",
             Self::Evaluate { .. } => "evaluate",
             Self::Dense(part) => part.name(),
+            Self::Recover(part) => part.name(),
             Self::Publish => "publish",
         }
     }
@@ -112,8 +116,10 @@ pub(crate) struct Frame {
     occupancy: Occupancy,
     /// D_it: the mesh's planes.
     interpolated: Vec<u16>,
-    /// What propagation tries.
+    /// What propagation tries, or a dense rung's result before it is smoothed.
     proposed: Vec<u16>,
+    /// What recovery tries.
+    lent: Vec<u16>,
     /// D_f and C_f.
     disparity: Vec<u16>,
     cost: Vec<u8>,
@@ -243,7 +249,12 @@ impl Frame {
             .reshape(recipe.pattern, &self.right, height, true);
         self.gradient.reshape(width, height);
         self.buckets.reshape(width, height);
-        for map in [&mut self.interpolated, &mut self.proposed, &mut self.disparity] {
+        for map in [
+            &mut self.interpolated,
+            &mut self.proposed,
+            &mut self.lent,
+            &mut self.disparity,
+        ] {
             map.resize(width * height, 0);
         }
         self.cost.resize(width * height, 0);
@@ -323,6 +334,7 @@ impl Frame {
             Stage::Propagate => Some(self.propagate()),
             Stage::Evaluate { row } => self.evaluate(row, rung, recipe, join),
             Stage::Dense(part) => Some(self.dense_step(part, join)),
+            Stage::Recover(part) => Some(self.recovery_step(part, rung, recipe, join)),
             Stage::Publish => None,
         }
     }

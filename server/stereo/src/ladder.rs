@@ -36,7 +36,7 @@ pub(crate) enum Work {
     Propagate,
     /// Semi-global matching in a band around the mesh at a quarter of the resolution, and around its result at half.
     HalfBand,
-    /// The half resolution result tested a pixel to either side at full resolution, and smoothed.
+    /// The half resolution result tested a pixel to either side at full resolution, what it lost recovered, and smoothed.
     Full,
     /// One iteration of the paper: validate the mesh, keeping for the next iteration the best (C_g) and worst (C_b) pixel
     /// of each cell of the occupancy grid.

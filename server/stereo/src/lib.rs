@@ -26,6 +26,7 @@
 //!               coarse      (preset default) bands of semi-global matching around the mesh, at a quarter and at half of
 //!                           the resolution: band, winner, speckle, fill, certainty
 //!               upsample, cost, smooth   that result at full resolution, corrected by up to a pixel
+//!               recovery    badly explained pixels of that are searched for: what was too thin for half the resolution
 //!               surface     the mesh of such a dense result, fitted to its map
 //! ```
 //!
@@ -88,6 +89,7 @@ mod params;
 mod plane;
 mod propagate;
 mod publish;
+mod recovery;
 #[cfg(test)]
 mod scene;
 #[expect(

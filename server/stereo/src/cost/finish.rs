@@ -18,14 +18,18 @@ fn select(mask: u16, then: u16, otherwise: u16) -> u16 {
 /// Picks the best of the three candidates (the plane's own where equal, since it is sub-pixel), and keeps it where it beats
 /// the cost so far; if it is the `FIRST`, everywhere. Bytes suffice: from 255 differing bits on, nothing is valid any more.
 #[derive(Clone, Copy)]
-pub(super) struct KeepBetter<const FIRST: bool>(pub(super) Window);
+pub(super) struct KeepBetter<const FIRST: bool> {
+    pub(super) window: Window,
+    /// It must be better by more than this.
+    pub(super) by: u8,
+}
 
 impl<const FIRST: bool> KeepBetter<FIRST> {
     /// Differing bits of the windows of a vector of pixels; of 400 (5x5) or 392 (7x7, each two columns' mean), at most 255.
     #[inline(always)]
     fn window<L: Lanes>(self, lanes: L, sums: &[u8]) -> L::V {
         let column = |k: usize| lanes.load(&sums[k..]);
-        match self.0 {
+        match self.window {
             Window::Side5 => {
                 let inner = lanes.add(column(1), column(2));
                 let outer = lanes.add(column(0), column(4));
@@ -69,8 +73,9 @@ impl<const FIRST: bool> KeepBetter<FIRST> {
         // 250 of 400: half and an eighth.
         let half = lanes.halve(least);
         let scaled = lanes.add(half, lanes.halve(lanes.halve(half)));
-        let kept = lanes.min(scaled, cost);
-        [which, lanes.not(lanes.equal(kept, cost)), kept]
+        let enough = lanes.sub_saturating(cost, lanes.splat(self.by));
+        let worse = lanes.equal(lanes.max(scaled, enough), scaled);
+        [which, lanes.not(worse), lanes.select(worse, cost, scaled)]
     }
 }
 

@@ -1,6 +1,6 @@
 //! The stages of the mesh rungs: choose, search, insert, interpolate, propagate, evaluate.
 
-use super::{Frame, Stage, dense};
+use super::{Frame, Stage, dense, recovery};
 use crate::cost::{Best, Evaluation};
 use crate::disparity::FIXED_PER_PX;
 use crate::epipolar::Views;
@@ -18,7 +18,7 @@ const INSERTIONS_A_STEP: usize = 512;
 /// New vertices whose triangles are rasterised in one step.
 const RASTERISED_A_STEP: usize = 1024;
 /// Pixels evaluated in one step.
-const PIXELS_A_STEP: usize = 65_536;
+pub(super) const PIXELS_A_STEP: usize = 65_536;
 /// Supports this far from the mesh, in px, are news to it.
 const NEWS_PX: f32 = 2.0;
 
@@ -78,8 +78,15 @@ impl Frame {
         Stage::Search { next: 0 }
     }
 
-    /// Searches some candidates; after the last one, drops what nothing supports.
-    pub(super) fn search(&mut self, next: usize, rung: &Rung, recipe: &Recipe, join: &dyn ForkJoin) -> Stage {
+    /// Searches some candidates, near the mesh's disparities or over the whole range, and adds what is matched to `fresh`; the
+    /// answer is which comes next.
+    pub(super) fn search_some(
+        &mut self,
+        next: usize,
+        is_near: bool,
+        recipe: &Recipe,
+        join: &dyn ForkJoin,
+    ) -> Option<usize> {
         let views = Views {
             pattern: recipe.pattern,
             left: &self.left_census,
@@ -87,8 +94,7 @@ impl Frame {
             width: self.window.roi.width,
             disparities: self.window.disparities,
             columns_before: self.window.roi.x.cast_signed() - self.window.min_disparity_px.cast_signed(),
-            near: (self.rasterised_vertices > 0 && recipe.consistency.is_some())
-                .then_some(&self.interpolated[..]),
+            near: is_near.then_some(&self.interpolated[..]),
         };
         let end = (next + fork_join::in_a_step(join, SEARCHES_A_STEP)).min(self.candidates.len());
         let (level, candidates) = (self.level, &self.candidates[next..end]);
@@ -101,8 +107,14 @@ impl Frame {
         for found in found {
             self.fresh.append(found);
         }
-        if end < self.candidates.len() {
-            return Stage::Search { next: end };
+        (end < self.candidates.len()).then_some(end)
+    }
+
+    /// Searches some candidates; after the last one, drops what nothing supports.
+    pub(super) fn search(&mut self, next: usize, rung: &Rung, recipe: &Recipe, join: &dyn ForkJoin) -> Stage {
+        let is_near = self.rasterised_vertices > 0 && recipe.consistency.is_some();
+        if let Some(next) = self.search_some(next, is_near, recipe, join) {
+            return Stage::Search { next };
         }
         if let Some(consistency) = recipe.consistency {
             consistency.retain(&mut self.fresh, &self.supports, &mut self.buckets);
@@ -214,6 +226,11 @@ impl Frame {
         Stage::Evaluate { row: 0 }
     }
 
+    /// End of the band of rows from `row` on that has about so many `pixels`.
+    pub(super) fn band_end(&self, row: usize, pixels: usize) -> usize {
+        (row + (pixels / self.width()).max(1)).min(self.height())
+    }
+
     /// Evaluates a band of rows, split over the threads there are.
     pub(super) fn evaluate(
         &mut self,
@@ -223,11 +240,10 @@ impl Frame {
         join: &dyn ForkJoin,
     ) -> Option<Stage> {
         let (width, height) = (self.width(), self.height());
-        let pixels = match rung.work {
-            Work::Paper { .. } => PIXELS_A_STEP,
-            _ => fork_join::in_a_step(join, PIXELS_A_STEP),
+        let end = match rung.work {
+            Work::Paper { .. } => self.band_end(row, PIXELS_A_STEP),
+            _ => self.band_end(row, fork_join::in_a_step(join, PIXELS_A_STEP)),
         };
-        let end = (row + (pixels / width).max(1)).min(height);
         let band = row * width..end * width;
         // The result of a dense rung is not touched before it is replaced as a whole.
         let (from, to) = match rung.work {
@@ -287,7 +303,7 @@ impl Frame {
         }
         self.has_costs = true;
         if rung.work == Work::Full {
-            Some(Stage::Dense(dense::Part::Smooth))
+            Some(Stage::Recover(recovery::Part::Pick))
         } else {
             Some(Stage::Publish)
         }
