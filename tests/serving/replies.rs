@@ -232,7 +232,7 @@ async fn json_reports_have_the_protos_field_names() {
 async fn a_ladder_that_ends_early_because_nothing_would_change_is_no_degradation() {
     let server = Server::start(&[]);
     let same: [(&str, &[u8]); 2] = [("left", &PAIR.left), ("right", &PAIR.left)];
-    for (preset, asked) in [("default", 3), ("fast", 4), ("paper", 6)] {
+    for (preset, asked) in [("default", 3), ("fast", 4), ("paper", 5)] {
         let options = Some(json!({ "preset": preset, "latency_budget_ms": 60_000 }));
         let reply = server.post_form("", "application/json", &same, options).await;
         let report = &reply.json()["report"];

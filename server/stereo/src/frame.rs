@@ -8,6 +8,7 @@ use crate::confidence::{CostScale, rate_costs};
 use crate::cost::Scratch;
 use crate::disparity::{DisparityMap, FIXED_PER_PX};
 use crate::fast::Corners;
+use crate::fitted;
 use crate::fork_join::{self, ForkJoin, Serial};
 use crate::gradient::Gradient;
 use crate::image::{GrayView, Roi, Shape, StereoPair};
@@ -22,7 +23,7 @@ use crate::publish::{self, Before, Published, Record};
 use crate::simd::Level;
 use crate::smooth;
 use crate::support::{self, Buckets, Candidate, Support};
-use crate::surface::{self, Surface};
+use crate::surface::Surface;
 use crate::triangulation::Triangulation;
 
 mod dense;
@@ -401,10 +402,6 @@ impl Frame {
         } else {
             rate_costs(self.level, scale, &self.cost, &mut self.confidence);
         }
-        let limits = surface::Limits {
-            tolerance_px: params.tolerance_px,
-            triangles: usize::try_from(params.max_triangles).unwrap_or(usize::MAX),
-        };
         if let Some(regions) = regions {
             let maps = regions.compose(self, is_dense, recipe);
             let evidence = Evidence {
@@ -414,10 +411,13 @@ impl Frame {
                 confidence: &maps.confidence,
                 confirmed_from: 1,
             };
-            self.surface
-                .fit(self.level, &maps.interpolated, self.window.roi.width, limits);
-            let mesh = (self.surface.nodes(), self.surface.facets(false));
-            return self.mesh_writer.write(self.level, mesh, evidence, params, out);
+            let source = fitted::Source {
+                map: &maps.interpolated,
+                width: self.window.roi.width,
+                is_guess: false,
+            };
+            let scratch = (&mut self.surface, &mut self.mesh_writer);
+            return fitted::write(self.level, scratch, source, evidence, params, out);
         }
         let evidence = Evidence {
             window: self.window,
@@ -426,23 +426,23 @@ impl Frame {
             confidence: &self.confidence,
             confirmed_from: confirmed_from(is_dense),
         };
-        if !is_dense && self.triangulation.triangles() <= limits.triangles {
+        if !is_dense && self.triangulation.triangles() <= params.max_triangles as usize {
             let facets = self.triangulation.triangles_from(0).map(Facet::from);
             let mesh = (self.triangulation.vertices(), facets);
             return self.mesh_writer.write(self.level, mesh, evidence, params, out);
         }
-        let map = if is_dense {
-            &self.disparity
-        } else {
-            &self.interpolated
+        let source = fitted::Source {
+            map: if is_dense {
+                &self.disparity
+            } else {
+                &self.interpolated
+            },
+            width: self.window.roi.width,
+            // Without a support, nothing in the map has been matched.
+            is_guess: self.supports.is_empty(),
         };
-        self.surface.fit(self.level, map, self.window.roi.width, limits);
-        // Without a support, nothing in the map has been matched.
-        let mesh = (
-            self.surface.nodes(),
-            self.surface.facets(self.supports.is_empty()),
-        );
-        self.mesh_writer.write(self.level, mesh, evidence, params, out);
+        let scratch = (&mut self.surface, &mut self.mesh_writer);
+        fitted::write(self.level, scratch, source, evidence, params, out);
     }
 }
 

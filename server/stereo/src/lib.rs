@@ -73,6 +73,7 @@ mod epipolar;
 mod error;
 mod fast;
 mod fill;
+mod fitted;
 mod focus;
 mod fork_join;
 mod frame;

@@ -89,6 +89,47 @@ impl Writer {
             out,
         });
     }
+
+    /// The share of the facets that `params` keeps.
+    pub(crate) fn share_kept(
+        &mut self,
+        level: Level,
+        facets: impl Iterator<Item = Facet>,
+        evidence: Evidence<'_>,
+        params: &MeshParams,
+    ) -> f64 {
+        self.known.resize(evidence.mask.len(), 0);
+        level.run(ShareKept {
+            facets,
+            known: &mut self.known,
+            lines: &mut self.lines,
+            evidence,
+            params,
+        })
+    }
+}
+
+struct ShareKept<'a, F> {
+    facets: F,
+    known: &'a mut [u8],
+    lines: &'a mut Vec<Line>,
+    evidence: Evidence<'a>,
+    params: &'a MeshParams,
+}
+
+impl<F: Iterator<Item = Facet>> Kernel for ShareKept<'_, F> {
+    type Output = f64;
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, _: L) -> f64 {
+        let mut judge = Judge::new(self.evidence, self.known, self.lines, self.params);
+        let (mut kept, mut judged) = (0u32, 0u32);
+        for facet in self.facets {
+            kept += u32::from(judge.keeps(&facet));
+            judged += 1;
+        }
+        f64::from(kept) / f64::from(judged.max(1))
+    }
 }
 
 struct Write<'a, F> {
@@ -106,30 +147,15 @@ impl<F: Iterator<Item = Facet>> Kernel for Write<'_, F> {
 
     #[inline(always)]
     fn run<L: Lanes>(self, _: L) {
-        let Evidence {
-            window,
-            mask,
-            confidence,
-            confirmed_from,
-            ..
-        } = self.evidence;
-        for ((known, mask), confidence) in self.known.iter_mut().zip(mask).zip(confidence) {
-            *known = TEXTURED * mask + CONFIRMED * u8::from(*confidence >= confirmed_from) * mask;
-        }
+        let window = self.evidence.window;
         #[expect(
             clippy::cast_precision_loss,
             reason = "image positions and disparities are exact in f32"
         )]
         let [left, top, nearest] = [window.roi.x, window.roi.y, window.min_disparity_px].map(|at| at as f32);
-        let mut judge = Judge {
-            width: window.roi.width,
-            disparity: self.evidence.disparity,
-            known: self.known,
-            params: self.params,
-            lines: self.lines,
-        };
+        let mut judge = Judge::new(self.evidence, self.known, self.lines, self.params);
         for facet in self.facets {
-            if !(self.params.keep_rejected || judge.holds(&facet)) {
+            if !judge.keeps(&facet) {
                 continue;
             }
             let mut numbers = [0; 3];
@@ -159,7 +185,34 @@ struct Judge<'a> {
     lines: &'a mut Vec<Line>,
 }
 
-impl Judge<'_> {
+impl<'a> Judge<'a> {
+    /// `known` becomes what is known of the pixels.
+    #[inline(always)]
+    fn new(
+        evidence: Evidence<'a>,
+        known: &'a mut [u8],
+        lines: &'a mut Vec<Line>,
+        params: &'a MeshParams,
+    ) -> Self {
+        let pixels = evidence.mask.iter().zip(evidence.confidence);
+        for (known, (mask, confidence)) in known.iter_mut().zip(pixels) {
+            let is_confirmed = u8::from(*confidence >= evidence.confirmed_from);
+            *known = (TEXTURED + CONFIRMED * is_confirmed) * mask;
+        }
+        Self {
+            width: evidence.window.roi.width,
+            disparity: evidence.disparity,
+            known,
+            params,
+            lines,
+        }
+    }
+
+    #[inline(always)]
+    fn keeps(&mut self, facet: &Facet) -> bool {
+        self.params.keep_rejected || self.holds(facet)
+    }
+
     /// Whether the facet is a surface: not steeper than one can see, and confirmed by its own pixels where it has texture.
     #[inline(always)]
     fn holds(&mut self, facet: &Facet) -> bool {

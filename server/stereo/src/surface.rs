@@ -56,15 +56,6 @@ struct Grid {
     side: usize,
 }
 
-/// What a mesh may cost.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Limits {
-    /// How far the map may be from a plane that still fits it, px.
-    pub(crate) tolerance_px: f32,
-    /// Triangles at most.
-    pub(crate) triangles: usize,
-}
-
 impl Grid {
     fn lay_over(&mut self, width: usize, height: usize) {
         let mut root_px = ROOT_PX;
@@ -93,8 +84,9 @@ impl Grid {
 }
 
 impl Surface {
-    /// Makes the mesh of `map` (rows of `width`).
-    pub(crate) fn fit(&mut self, level: Level, map: &[u16], width: usize, limits: Limits) {
+    /// Rates the nodes over `map` (rows of `width`), which may be `tolerance_px` from a plane that still fits it; to be followed by
+    /// [`cut`](Self::cut).
+    pub(crate) fn fit(&mut self, level: Level, map: &[u16], width: usize, tolerance_px: f32) {
         self.grid.lay_over(width, map.len() / width);
         let Grid { columns, rows, side } = &self.grid;
         self.heights.clear();
@@ -110,9 +102,8 @@ impl Surface {
             sides: &mut self.sides,
             stride: columns.len(),
             side: *side,
-            tolerance: 2.0 * limits.tolerance_px * f32::from(FIXED_PER_PX),
+            tolerance: 2.0 * tolerance_px * f32::from(FIXED_PER_PX),
         });
-        self.split(limits.triangles);
     }
 
     /// Number of nodes; those of a facet are below it.
@@ -139,8 +130,9 @@ impl Surface {
         }
     }
 
-    /// Splits the root squares' triangles at the nodes of most worth.
-    fn split(&mut self, budget: usize) {
+    /// Makes the mesh with at most `budget` triangles: splits the root squares' triangles at the nodes of most worth. Whether
+    /// that are all of worth.
+    pub(crate) fn cut(&mut self, budget: usize) -> bool {
         let Grid { columns, rows, side } = &self.grid;
         let (across, down) = ((columns.len() - 1) / side, (rows.len() - 1) / side);
         // A node makes two triangles of two, or of one on the border.
@@ -153,7 +145,8 @@ impl Surface {
         }
         let chosen = &mut self.chosen[..count];
         // Nodes of one worth are a coarse one and those it owes it to, mostly: all of them or none, or there were cracks.
-        let least = if count > affordable {
+        let is_complete = count <= affordable;
+        let least = if !is_complete {
             *chosen.select_nth_unstable_by(affordable, |a, b| b.total_cmp(a)).1
         } else {
             0.0
@@ -187,6 +180,7 @@ impl Surface {
             }
             self.triangles.push([a, b, c]);
         }
+        is_complete
     }
 }
 

@@ -1,10 +1,17 @@
 use std::collections::HashSet;
 
-use super::{Limits, Surface};
+use super::Surface;
 use crate::FIXED_PER_PX;
 use crate::mesh::Vertex;
 use crate::scene::Noise;
 use crate::simd::Level;
+
+/// What a mesh may cost.
+#[derive(Clone, Copy)]
+struct Limits {
+    tolerance_px: f32,
+    triangles: usize,
+}
 
 /// The mesh of a map given by its disparities in 1/64 px.
 fn fit(
@@ -18,7 +25,8 @@ fn fit(
         .collect();
     let mut meshes = Level::available().into_iter().map(|level| {
         let mut surface = Surface::default();
-        surface.fit(level, &map, width, limits);
+        surface.fit(level, &map, width, limits.tolerance_px);
+        surface.cut(limits.triangles);
         surface
             .facets(false)
             .map(|facet| facet.vertices)
