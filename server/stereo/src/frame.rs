@@ -119,7 +119,7 @@ pub(crate) struct Frame {
     interpolated: Vec<u16>,
     /// What propagation tries, or a dense rung's result before it is smoothed.
     proposed: Vec<u16>,
-    /// What recovery tries.
+    /// What recovery tries; then what is smoothed so far.
     lent: Vec<u16>,
     /// D_f and C_f.
     disparity: Vec<u16>,

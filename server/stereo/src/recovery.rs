@@ -11,7 +11,7 @@
 
 use crate::changes::Changes;
 use crate::disparity::FIXED_PER_PX;
-use crate::support::{Candidate, Support};
+use crate::support::Support;
 
 /// Side of a cell in px, a power of two.
 pub(crate) const CELL_PX: usize = 4;
@@ -22,18 +22,20 @@ pub(crate) const LEAST_GAIN: u8 = 40;
 /// Columns and rows to each side of a match that try its disparity.
 const REACH_PX: usize = 8;
 /// At most one pixel of so many is searched for, whatever the images: about twice as many as real scenes ask for.
-const PX_A_SEARCH: usize = 64;
+pub(crate) const PX_A_SEARCH: usize = 64;
+/// At most one of so many lends its disparity: about four times as many as in real scenes.
+pub(crate) const PX_A_MATCH: usize = 256;
 
-/// Leaves evenly spread candidates of an image of so many pixels, if there are more than may be searched for.
-pub(crate) fn spare(candidates: &mut Vec<Candidate>, pixels: usize) {
-    let (asked, most) = (candidates.len(), pixels / PX_A_SEARCH);
-    if asked <= most {
+/// Leaves `most` of the `pixels`, evenly spread, if there are more.
+pub(crate) fn spare<T>(pixels: &mut Vec<T>, most: usize) {
+    let all = pixels.len();
+    if all <= most {
         return;
     }
     let mut number = 0;
-    candidates.retain(|_| {
+    pixels.retain(|_| {
         number += 1;
-        number * most / asked > (number - 1) * most / asked
+        number * most / all > (number - 1) * most / all
     });
 }
 

@@ -8,6 +8,9 @@ use crate::fork_join::{self, ForkJoin};
 use crate::ladder::{Rung, Work};
 use crate::{smooth, upsample};
 
+/// Pixels smoothed in one step.
+const SMOOTHED_A_STEP: usize = 262_144;
+
 /// A part of the dense rungs' work.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Part {
@@ -19,8 +22,8 @@ pub(crate) enum Part {
     Half(coarse::Step),
     /// Bring the half resolution result to full resolution.
     Enlarge,
-    /// Smooth the full resolution result.
-    Smooth,
+    /// Smooth the full resolution result from row `row` on.
+    Smooth { row: usize },
 }
 
 impl Part {
@@ -31,7 +34,7 @@ impl Part {
             Self::Quarter(_) => "quarter band",
             Self::Half(_) => "half band",
             Self::Enlarge => "enlarge",
-            Self::Smooth => "smooth",
+            Self::Smooth { .. } => "smooth",
         }
     }
 }
@@ -86,10 +89,10 @@ impl Frame {
                 self.enlarge(join);
                 Stage::Publish
             }
-            Part::Smooth => {
-                self.smooth(join);
-                Stage::Publish
-            }
+            Part::Smooth { row } => match self.smooth(row, join) {
+                Some(row) => Stage::Dense(Part::Smooth { row }),
+                None => Stage::Publish,
+            },
         }
     }
 
@@ -120,15 +123,23 @@ impl Frame {
         });
     }
 
-    fn smooth(&mut self, join: &dyn ForkJoin) {
+    /// Smooths a band of rows; the answer is the next one's first row. With the last one, the result is replaced as a whole.
+    fn smooth(&mut self, row: usize, join: &dyn ForkJoin) -> Option<usize> {
+        let end = self.band_end(row, fork_join::in_a_step(join, SMOOTHED_A_STEP));
         let (level, width, from) = (self.level, self.width(), &self.proposed);
-        let rows = self.height().div_ceil(fork_join::pieces(join));
+        let rows = (end - row).div_ceil(fork_join::pieces(join));
         let scratch = fork_join::scratch(join, &mut self.smoothing);
-        let parts = self.disparity.chunks_mut(rows * width);
+        // What was tried is not needed any more.
+        let parts = self.lent[row * width..end * width].chunks_mut(rows * width);
         fork_join::for_each(join, parts.zip(scratch), |piece, (to, scratch)| {
-            let first = piece * rows;
+            let first = row + piece * rows;
             smooth::smooth(level, width, from, first..first + to.len() / width, to, scratch);
         });
+        if end < self.height() {
+            return Some(end);
+        }
+        std::mem::swap(&mut self.disparity, &mut self.lent);
+        None
     }
 
     /// Confidences after a dense rung.

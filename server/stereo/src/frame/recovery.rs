@@ -56,7 +56,7 @@ impl Frame {
             }
             Part::Try { row } => self.try_lent(row, rung, join).map(|row| Part::Try { row }),
         };
-        next.map_or(Stage::Dense(dense::Part::Smooth), Stage::Recover)
+        next.map_or(Stage::Dense(dense::Part::Smooth { row: 0 }), Stage::Recover)
     }
 
     fn pick(&mut self) {
@@ -74,7 +74,7 @@ impl Frame {
             Some(unexplained),
             (&mut self.choosing, &mut self.candidates),
         );
-        recovery::spare(&mut self.candidates, self.cost.len());
+        recovery::spare(&mut self.candidates, self.cost.len() / recovery::PX_A_SEARCH);
     }
 
     fn lend(&mut self) {
@@ -85,6 +85,7 @@ impl Frame {
             width,
             self.window.disparities,
         );
+        recovery::spare(&mut self.fresh, self.cost.len() / recovery::PX_A_MATCH);
         self.changes.reset(self.height());
         // The evaluation may end one above what it tries, and will once more.
         for (lent, proposed) in self.lent.iter_mut().zip(&self.proposed) {
