@@ -76,7 +76,8 @@ fn differing_bits(evaluation: &Evaluation<'_>, at: (usize, usize), step: isize) 
     bits.min(255)
 }
 
-fn expected(evaluation: &Evaluation<'_>, before: &Maps) -> Maps {
+/// What is better than before by more than `by` is kept.
+fn expected(evaluation: &Evaluation<'_>, before: &Maps, by: u8) -> Maps {
     let mut maps = before.clone();
     for at in 0..maps.cost.len() {
         let pixel = (at % evaluation.width, at / evaluation.width);
@@ -86,7 +87,7 @@ fn expected(evaluation: &Evaluation<'_>, before: &Maps) -> Maps {
         let costs = tested.map(|(step, disparity)| (differing_bits(evaluation, pixel, step), disparity));
         let (bits, disparity) = costs.into_iter().min_by_key(|(bits, _)| *bits).unwrap();
         let cost = bits / 2 + bits / 8;
-        if cost < u32::from(before.cost[at]) {
+        if cost + u32::from(by) < u32::from(before.cost[at]) {
             (maps.disparity[at], maps.cost[at]) = (disparity, u8::try_from(cost).unwrap());
         }
     }
@@ -121,8 +122,12 @@ proptest! {
             disparity: noise.words(width * height, most),
             cost: noise.bytes(width * height, costs_before),
         };
-        let expected = expected(&evaluation, &before);
         let mut scratch = Scratch::default();
+        let (mut maps, by) = (before.clone(), u8::try_from(noise.below(256)).unwrap());
+        let Maps { disparity, cost } = &mut maps;
+        evaluation.update_by(by, 0, |_| Blocks::ALL, &mut Best { disparity, cost }, &mut scratch);
+        prop_assert!(maps == expected(&evaluation, &before, by), "better by more than {}", by);
+        let expected = expected(&evaluation, &before, 0);
         for rows in [height, rows] {
             let mut maps = before.clone();
             maps.update(&evaluation, rows, &mut scratch);
