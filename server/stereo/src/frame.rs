@@ -119,7 +119,7 @@ pub(crate) struct Frame {
     interpolated: Vec<u16>,
     /// What propagation tries, or a dense rung's result before it is smoothed.
     proposed: Vec<u16>,
-    /// What recovery tries; then what is smoothed so far.
+    /// What recovery tries, which gives it its size; then what is smoothed so far.
     lent: Vec<u16>,
     /// D_f and C_f.
     disparity: Vec<u16>,
@@ -250,12 +250,7 @@ impl Frame {
             .reshape(recipe.pattern, &self.right, height, true);
         self.gradient.reshape(width, height);
         self.buckets.reshape(width, height);
-        for map in [
-            &mut self.interpolated,
-            &mut self.proposed,
-            &mut self.lent,
-            &mut self.disparity,
-        ] {
+        for map in [&mut self.interpolated, &mut self.proposed, &mut self.disparity] {
             map.resize(width * height, 0);
         }
         self.cost.resize(width * height, 0);

@@ -54,9 +54,9 @@ pub(crate) fn drop_taken(
         let wanted = place(found.x, fixed);
         // Pixels with disparities from the smallest to the largest that show the same place.
         let first = found.x.saturating_sub(usize::from(fixed / FIXED_PER_PX));
-        let columns = first..(first + disparities).min(width);
+        let mut columns = first..(first + disparities).min(width);
         let row = found.y * width;
-        !columns.into_iter().any(|x| {
+        !columns.any(|x| {
             let is_explained = cost[row + x] <= EXPLAINED_UP_TO;
             is_explained && place(x, disparity[row + x]).abs_diff(wanted) <= usize::from(FIXED_PER_PX)
         })

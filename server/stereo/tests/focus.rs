@@ -1,6 +1,9 @@
 //! Regions that matter more: what a caller may rely on.
 #![expect(clippy::unwrap_used, reason = "tests")]
 
+mod common;
+
+use common::ThreeThreads;
 use stereo::{
     Density, DisparityMap, FIXED_PER_PX, Focus, ForkJoin, GrayView, Level, Matcher, Mesh, MeshParams, Params,
     ParamsError, Preset, Progress, Quality, Roi, Serial, Shape, StereoPair,
@@ -186,23 +189,6 @@ fn a_budget_that_cuts_leaves_the_regions_better_than_the_rest() {
             in_regions(cut),
             in_rest(cut)
         );
-    }
-}
-
-/// Runs pieces backwards on scoped threads.
-struct ThreeThreads;
-
-impl ForkJoin for ThreeThreads {
-    fn threads(&self) -> usize {
-        3
-    }
-
-    fn run(&self, n: usize, piece: &(dyn Fn(usize) + Sync)) {
-        std::thread::scope(|scope| {
-            for k in (0..n).rev() {
-                scope.spawn(move || piece(k));
-            }
-        });
     }
 }
 

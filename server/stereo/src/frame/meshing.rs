@@ -1,7 +1,7 @@
 //! The stages of the mesh rungs: choose, search, insert, interpolate, propagate, evaluate.
 
 use super::{Frame, Stage, dense, recovery};
-use crate::cost::{Best, Evaluation};
+use crate::cost::{Best, Evaluation, Scratch};
 use crate::disparity::FIXED_PER_PX;
 use crate::epipolar::Views;
 use crate::fork_join::{self, ForkJoin};
@@ -282,20 +282,17 @@ impl Frame {
                     height,
                     window: rung.window,
                 };
-                let scratch = fork_join::scratch(join, &mut self.scratch);
-                let rows = (end - row).div_ceil(scratch.len());
-                let parts = disparity.chunks_mut(rows * width);
-                let parts = parts.zip(cost.chunks_mut(rows * width)).zip(scratch);
                 let (changes, is_first) = (&self.changes, !self.has_costs);
-                fork_join::for_each(join, parts, |piece, ((disparity, cost), scratch)| {
-                    let first = row + piece * rows;
-                    let best = &mut Best { disparity, cost };
-                    match rung.work {
+                split_rows(
+                    (join, &mut self.scratch),
+                    (row, width),
+                    Best { disparity, cost },
+                    |first, best, scratch| match rung.work {
                         Work::Full => evaluation.correct(first, best, scratch),
                         _ if is_first => evaluation.begin(first, best, scratch),
                         _ => evaluation.update(first, |y| changes.blocks(y, reach), best, scratch),
-                    }
-                });
+                    },
+                );
             }
         }
         if end < height {
@@ -308,4 +305,21 @@ impl Frame {
             Some(Stage::Publish)
         }
     }
+}
+
+/// Calls `evaluate` with some of the rows from `first_row` on, `width` wide, on each of the threads there are: the number of the
+/// first of them, and what is kept of them.
+pub(super) fn split_rows(
+    (join, scratch): (&dyn ForkJoin, &mut Vec<Scratch>),
+    (first_row, width): (usize, usize),
+    best: Best<'_>,
+    evaluate: impl Fn(usize, &mut Best<'_>, &mut Scratch) + Sync,
+) {
+    let scratch = fork_join::scratch(join, scratch);
+    let rows = (best.cost.len() / width).div_ceil(scratch.len());
+    let parts = best.disparity.chunks_mut(rows * width);
+    let parts = parts.zip(best.cost.chunks_mut(rows * width)).zip(scratch);
+    fork_join::for_each(join, parts, |piece, ((disparity, cost), scratch)| {
+        evaluate(first_row + piece * rows, &mut Best { disparity, cost }, scratch);
+    });
 }

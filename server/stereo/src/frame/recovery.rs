@@ -1,6 +1,6 @@
 //! The stages of recovery (see `recovery`).
 
-use super::meshing::PIXELS_A_STEP;
+use super::meshing::{PIXELS_A_STEP, split_rows};
 use super::{Frame, Stage, dense};
 use crate::cost::{Best, Evaluation};
 use crate::fork_join::{self, ForkJoin};
@@ -87,6 +87,7 @@ impl Frame {
         );
         recovery::spare(&mut self.fresh, self.cost.len() / recovery::PX_A_MATCH);
         self.changes.reset(self.height());
+        self.lent.resize(self.proposed.len(), 0);
         // The evaluation may end one above what it tries, and will once more.
         for (lent, proposed) in self.lent.iter_mut().zip(&self.proposed) {
             *lent = (*proposed).min(max_fixed);
@@ -109,21 +110,16 @@ impl Frame {
             window: rung.window,
         };
         let (disparity, cost) = (&mut self.proposed[band.clone()], &mut self.cost[band]);
-        let scratch = fork_join::scratch(join, &mut self.scratch);
-        let rows = (end - row).div_ceil(scratch.len());
-        let parts = disparity.chunks_mut(rows * width);
-        let parts = parts.zip(cost.chunks_mut(rows * width)).zip(scratch);
         let changes = &self.changes;
-        fork_join::for_each(join, parts, |piece, ((disparity, cost), scratch)| {
-            let (first, best) = (row + piece * rows, &mut Best { disparity, cost });
-            evaluation.update_by(
-                recovery::LEAST_GAIN,
-                first,
-                |y| changes.blocks(y, 0),
-                best,
-                scratch,
-            );
-        });
+        split_rows(
+            (join, &mut self.scratch),
+            (row, width),
+            Best { disparity, cost },
+            |first, best, scratch| {
+                let changed = |y| changes.blocks(y, 0);
+                evaluation.update_by(recovery::LEAST_GAIN, first, changed, best, scratch);
+            },
+        );
         (end < height).then_some(end)
     }
 }

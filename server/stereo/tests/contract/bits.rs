@@ -1,7 +1,8 @@
 //! The same bits, whatever the level, the threads and what the matcher did before.
 
-use stereo::{Density, DisparityRange, ForkJoin, Level, Matcher, Params, Serial};
+use stereo::{Density, DisparityRange, Level, Matcher, Params, Serial};
 
+use super::common::ThreeThreads;
 use super::{Pair, climb, matcher};
 
 #[test]
@@ -41,23 +42,6 @@ fn a_matcher_made_smaller_answers_like_a_new_one() {
             used.reconfigure(small.shape(), params).unwrap();
             assert_eq!(climb(&mut used, &small, &Serial), fresh, "{width} columns");
         }
-    }
-}
-
-/// Runs pieces backwards on scoped threads.
-struct ThreeThreads;
-
-impl ForkJoin for ThreeThreads {
-    fn threads(&self) -> usize {
-        3
-    }
-
-    fn run(&self, n: usize, piece: &(dyn Fn(usize) + Sync)) {
-        std::thread::scope(|scope| {
-            for k in (0..n).rev() {
-                scope.spawn(move || piece(k));
-            }
-        });
     }
 }
 

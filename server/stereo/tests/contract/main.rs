@@ -3,6 +3,8 @@
 
 mod answers;
 mod bits;
+#[path = "../common/mod.rs"]
+mod common;
 mod meshes;
 mod refusals;
 
