@@ -12,6 +12,7 @@ use prost::EncodeError;
 pub struct Encoded {
     bytes: Bytes,
     origin: Option<Arc<dyn Any + Send + Sync>>,
+    had_no_room: bool,
 }
 
 /// Memory of a transport. Results that lie in it needn't be copied to be sent.
@@ -24,8 +25,11 @@ pub trait Memory: Send + Sync {
 impl Encoded {
     /// Bytes that lie in a transport's memory, with what that transport knows them by.
     pub fn in_memory_of<T: Any + Send + Sync>(origin: Arc<T>, bytes: Bytes) -> Self {
-        let origin = Some(origin as Arc<dyn Any + Send + Sync>);
-        Self { bytes, origin }
+        Self {
+            bytes,
+            origin: Some(origin),
+            had_no_room: false,
+        }
     }
 
     /// What the transport knows them by, if they lie in its memory.
@@ -37,6 +41,12 @@ impl Encoded {
     #[must_use]
     pub fn is_own(&self) -> bool {
         self.origin.is_none()
+    }
+
+    /// Whether they were to lie in a transport's memory, and it had no piece for them.
+    #[must_use]
+    pub fn had_no_room(&self) -> bool {
+        self.had_no_room
     }
 
     /// The bytes, wherever they lie.
@@ -65,7 +75,7 @@ impl<T: Into<Bytes>> From<T> for Encoded {
     fn from(bytes: T) -> Self {
         Self {
             bytes: bytes.into(),
-            origin: None,
+            ..Self::default()
         }
     }
 }
@@ -90,7 +100,10 @@ pub(crate) fn encoded(
     }
     let mut own = Vec::with_capacity(expected);
     write(&mut own)?;
-    Ok(own.into())
+    Ok(Encoded {
+        had_no_room: memory.is_some(),
+        ..own.into()
+    })
 }
 
 #[cfg(test)]
@@ -126,9 +139,10 @@ mod tests {
             let held = encoded(Some(&memory), asked, |to| message.encode(&mut &mut *to)).unwrap();
             assert_eq!(**held, expected, "{size}");
             assert_eq!(held.origin::<usize>().is_some(), lies_there, "{size}");
+            assert_eq!(held.had_no_room(), !lies_there, "{size}");
         }
         let own = encoded(None, 1, |to| message.encode(&mut &mut *to)).unwrap();
         assert_eq!(**own, expected);
-        assert!(own.origin::<usize>().is_none());
+        assert!(own.origin::<usize>().is_none() && !own.had_no_room());
     }
 }

@@ -48,7 +48,20 @@ impl Outgoing {
 
     /// So many connections are to somebody who can read our shared memory.
     pub(super) fn set_neighbours(&self, count: usize) {
+        if count > 0 {
+            // Made now, and not by the worker that has the first result for them.
+            self.pool();
+        }
         self.neighbours.store(count, Ordering::Relaxed);
+    }
+
+    fn pool(&self) -> Option<&ShmProvider<PosixShmProviderBackend>> {
+        let pool = self.pool.get_or_init(|| {
+            let pool = ShmProviderBuilder::default_backend(self.pool_bytes).wait();
+            pool.inspect_err(|why| tracing::warn!(%why, "no shared memory: results are sent through sockets"))
+                .ok()
+        });
+        pool.as_ref()
     }
 
     /// How results for everybody who listens leave.
@@ -70,12 +83,7 @@ impl Memory for Outgoing {
         if most < WORTH_SHARING_BYTES {
             return None;
         }
-        let pool = self.pool.get_or_init(|| {
-            let pool = ShmProviderBuilder::default_backend(self.pool_bytes).wait();
-            pool.inspect_err(|why| tracing::warn!(%why, "no shared memory: results are sent through sockets"))
-                .ok()
-        });
-        let pool = pool.as_ref()?;
+        let pool = self.pool()?;
         // What nobody reads any more comes back first: the same few pieces are used again and again, and are in the caches.
         pool.garbage_collect();
         let mut piece = pool.alloc(most).wait().ok()?;
@@ -99,17 +107,14 @@ impl AsRef<[u8]> for Whole {
     }
 }
 
-/// `body` as Zenoh sends it, and how it leaves where it was to leave by `way`.
-pub(super) fn payload(body: &Encoded, way: Way) -> (ZBytes, Way) {
-    match (body.origin::<Piece>(), way) {
-        (Some(piece), _) => (ZBytes::from(piece.0.clone()), Way::SharedMemory),
-        (None, Way::SharedMemory) if body.len() >= WORTH_SHARING_BYTES => (ordinary(body), Way::NoRoom),
-        (None, _) => (ordinary(body), Way::Network),
+/// `body` as Zenoh sends it, and how it leaves.
+pub(super) fn payload(body: &Encoded) -> (ZBytes, Way) {
+    if let Some(piece) = body.origin::<Piece>() {
+        return (ZBytes::from(piece.0.clone()), Way::SharedMemory);
     }
-}
-
-fn ordinary(body: &Encoded) -> ZBytes {
-    ZBytes::from(body.clone().into_bytes())
+    let is_missing = body.had_no_room() && body.len() >= WORTH_SHARING_BYTES;
+    let way = if is_missing { Way::NoRoom } else { Way::Network };
+    (ZBytes::from(body.clone().into_bytes()), way)
 }
 
 #[cfg(test)]
@@ -134,7 +139,7 @@ mod tests {
         outgoing.set_neighbours(1);
         let sent = |value| {
             let way = outgoing.way_for_all();
-            payload(&result(&outgoing, way, 300 << 10, value), way)
+            payload(&result(&outgoing, way, 300 << 10, value))
         };
         let held: Vec<(ZBytes, Way)> = (0..5).map(sent).collect();
         let ways: Vec<Way> = held.iter().map(|(_, way)| *way).collect();
@@ -159,7 +164,7 @@ mod tests {
         });
         let written = written.unwrap();
         assert_eq!(**written, [7; 5000]);
-        let (sent, _) = payload(&written, Way::SharedMemory);
+        let (sent, _) = payload(&written);
         let bytes = written.into_bytes();
         for value in 0..100 {
             drop(result(&outgoing, Way::SharedMemory, 5000, value));
@@ -174,10 +179,18 @@ mod tests {
         let outgoing = Arc::new(Outgoing::default());
         assert_eq!(outgoing.way_for_all(), Way::Network);
         assert!(outgoing.memory(Way::Network).is_none());
-        let by = |way, len| payload(&result(&outgoing, way, len, 7), way).1;
+        let by = |way, len| payload(&result(&outgoing, way, len, 7)).1;
         assert_eq!(by(Way::Network, 100_000), Way::Network);
         assert_eq!(by(Way::SharedMemory, 1000), Way::Network);
+        outgoing.set_neighbours(0);
         assert!(outgoing.pool.get().is_none(), "no memory is taken for nothing");
+        outgoing.set_neighbours(1);
+        assert!(
+            outgoing.pool.get().is_some(),
+            "it is there before the first result"
+        );
         assert_eq!(by(Way::SharedMemory, 100_000), Way::SharedMemory);
+        // Made for others, and sent to a neighbour who has come meanwhile.
+        assert_eq!(by(Way::Network, 100_000), Way::Network);
     }
 }

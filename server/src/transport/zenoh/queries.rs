@@ -87,18 +87,18 @@ async fn compute(
         tokio::select! {
             biased;
             outcome = &mut work => break outcome,
-            Some(body) = partials.recv() => answer(&context, &query, way, &body),
+            Some(body) = partials.recv() => answer(&context, &query, &body),
         }
     };
     drop(share);
     // The first result always comes first, however soon the last one was ready.
     while let Ok(body) = partials.try_recv() {
-        answer(&context, &query, way, &body);
+        answer(&context, &query, &body);
     }
     match outcome {
         Ok(reply) => {
             let body = reply.bodies.into_iter().next().unwrap_or_default();
-            answer(&context, &query, way, &body);
+            answer(&context, &query, &body);
         }
         Err(error) => refuse(&query, &error, &request_id),
     }
@@ -222,9 +222,9 @@ async fn announce(context: &Context, camera: &str, revision: &Revision) {
     }
 }
 
-/// Sends a result by the way the request came.
-fn answer(context: &Context, query: &Query, way: Way, body: &Encoded) {
-    let (payload, way) = outgoing::payload(body, way);
+/// Sends a result.
+fn answer(context: &Context, query: &Query, body: &Encoded) {
+    let (payload, way) = outgoing::payload(body);
     sent(|| {
         query
             .reply(query.key_expr(), payload)

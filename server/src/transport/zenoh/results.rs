@@ -85,7 +85,7 @@ impl Results {
                     let Some(body) = answer.get(part.format) else {
                         continue;
                     };
-                    let (payload, way) = outgoing::payload(body, context.outgoing.way_for_all());
+                    let (payload, way) = outgoing::payload(body);
                     match part.publisher.put(payload).wait() {
                         Ok(()) => context.service.metrics().zenoh_result(way.name()),
                         Err(why) => {
