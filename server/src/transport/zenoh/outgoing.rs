@@ -48,11 +48,12 @@ impl Outgoing {
 
     /// So many connections are to somebody who can read our shared memory.
     pub(super) fn set_neighbours(&self, count: usize) {
-        if count > 0 {
-            // Made now, and not by the worker that has the first result for them.
-            self.pool();
-        }
         self.neighbours.store(count, Ordering::Relaxed);
+    }
+
+    /// Makes the pool if it isn't there yet, which takes some 20 ms: before the worker that has the first result for a neighbour must.
+    pub(super) fn prepare(&self) {
+        self.pool();
     }
 
     fn pool(&self) -> Option<&ShmProvider<PosixShmProviderBackend>> {
@@ -182,9 +183,8 @@ mod tests {
         let by = |way, len| payload(&result(&outgoing, way, len, 7)).1;
         assert_eq!(by(Way::Network, 100_000), Way::Network);
         assert_eq!(by(Way::SharedMemory, 1000), Way::Network);
-        outgoing.set_neighbours(0);
         assert!(outgoing.pool.get().is_none(), "no memory is taken for nothing");
-        outgoing.set_neighbours(1);
+        outgoing.prepare();
         assert!(
             outgoing.pool.get().is_some(),
             "it is there before the first result"

@@ -5,6 +5,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use serde_json::{Value, json};
+use tokio::runtime::Handle;
 use zenoh::Session;
 use zenoh::config::ZenohId;
 use zenoh::sample::SampleKind;
@@ -179,6 +180,7 @@ async fn watch(session: &Session, locators: &[String], streams: &Arc<Streams>, o
     });
     let connected = Mutex::new(HashMap::<ZenohId, bool>::new());
     let (streams, outgoing) = (Arc::clone(streams), Arc::clone(outgoing));
+    let runtime = Handle::current();
     let listening = session
         .info()
         .transport_events_listener()
@@ -190,7 +192,13 @@ async fn watch(session: &Session, locators: &[String], streams: &Arc<Streams>, o
                 SampleKind::Put => connected.insert(other, event.transport().is_shm()),
                 SampleKind::Delete => connected.remove(&other),
             };
-            outgoing.set_neighbours(connected.values().filter(|&&shares| shares).count());
+            let neighbours = connected.values().filter(|&&shares| shares).count();
+            outgoing.set_neighbours(neighbours);
+            if neighbours > 0 {
+                let outgoing = Arc::clone(&outgoing);
+                // Zenoh's own thread has no time for it.
+                runtime.spawn_blocking(move || outgoing.prepare());
+            }
             let connections = connected.len();
             tracing::info!(%other, kind = %event.kind(), connections, "a Zenoh connection has changed");
             streams.set_network(|network| network.connections = connections);
