@@ -135,6 +135,16 @@ pub(crate) struct Args {
         help_heading = "Servers started here"
     )]
     pub(crate) policies: Vec<String>,
+    /// Workers of the server that the suites `round-trips` and `cameras` start.
+    #[arg(
+        long,
+        value_name = "N",
+        default_value_t = 1,
+        value_parser = clap::value_parser!(u16).range(1..=256),
+        requires = "suite",
+        help_heading = "Servers started here"
+    )]
+    pub(crate) workers: u16,
     /// Server program to start instead of the one built here.
     #[arg(long, value_name = "PROGRAM", help_heading = "Servers started here")]
     pub(crate) stereod: Option<PathBuf>,

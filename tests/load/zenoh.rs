@@ -63,7 +63,7 @@ pub(crate) fn takeovers(args: &Args) -> Result<()> {
 fn start(args: &Args) -> Result<Stereod> {
     let server = Stereod::launch(&Launch {
         program: args.stereod.as_deref(),
-        args: &["--workers", "1"],
+        args: &["--workers", &args.workers.to_string()],
         ..Launch::default()
     })?;
     wait_until_ready(server.url(), STARTED_WITHIN)?;
@@ -77,7 +77,11 @@ fn runtime() -> Result<tokio::runtime::Runtime> {
 /// Prints a table, and writes it between the markers of this name if there is a file to write to.
 #[expect(clippy::print_stdout, reason = "the tables are what this program is for")]
 fn publish(args: &Args, name: &str, table: &str) -> Result<()> {
-    let text = format!("{table}\n\n{}.", machine::describe());
+    let workers = match args.workers {
+        1 => String::new(),
+        several => format!(", {several} workers"),
+    };
+    let text = format!("{table}\n\n{}{workers}.", machine::describe());
     println!("{text}");
     match &args.write {
         Some(path) => readme::write_table(path, name, &text),
